@@ -31,18 +31,18 @@ class _Inputs(Arguments):
     """Folder for map.pgm, map.yaml, map.png, graph.g2o, scans.npz, trajectory_1.tum and so on, and summary.json."""
 
 
-class MergeArguments(LogReading, _Inputs):
+class MergeMapsArguments(LogReading, _Inputs):
     """Merge maps of one building whose starts aren't known; other lasers, cells and directions are no hindrance."""
 
     guess: bool = False
     """Merge at the best place even if it isn't sure that the maps belong together; summary.json says so."""
 
 
-MAPS = (*YAML_SUFFIXES, *PICTURE_SUFFIXES, ".json")
+BARE_MAPS = (*YAML_SUFFIXES, *PICTURE_SUFFIXES, ".json")
 """Names of bare maps end so."""
 
 
-def main(arguments: MergeArguments) -> int:
+def main(arguments: MergeMapsArguments) -> int:
     """Run the command.
 
     Returns:
@@ -64,7 +64,7 @@ def main(arguments: MergeArguments) -> int:
     return 0
 
 
-def _check(arguments: MergeArguments) -> None:
+def _check(arguments: MergeMapsArguments) -> None:
     """Refuse what can't be merged before any work is done."""
     inputs = arguments.inputs
     if len(inputs) < 2:
@@ -85,37 +85,23 @@ def _check(arguments: MergeArguments) -> None:
 def _read(path: Path, reading: LogReading) -> Part:
     """One input, whatever it is."""
     from slamgym.interop.logs import episode_log
-    from slamgym.slam.graph.graph_files import GRAPH, read_graph
-    from slamgym.slam.merge.merging import Part
+    from slamgym.ros2.run_files import LOG
+    from slamgym.slam.graph.graph_files import GRAPH
+    from slamgym.slam.merge.stored import stored_part
 
+    log = path / LOG
     if (path / GRAPH).exists():
-        return Part.of_graph(str(path), read_graph(path))
-    log = _log_in(path)
-    is_map = path.suffix.lower() in MAPS
-    if log is None and path.is_dir() and not episode_log(path):
-        is_map = any(path.glob("*.y*ml")) and not (path / "metadata.yaml").exists()
-    if is_map:
-        return _read_picture(path)
-    return _map_log(log or path, str(path), reading)
-
-
-def _log_in(path: Path) -> Path | None:
-    """The log in the folder of `ros2 map`."""
-    log = path / "log.carmen.gz"
-    return log if log.is_file() else None
-
-
-def _read_picture(path: Path) -> Part:
-    from slamgym.interop.map_files import read_map
-    from slamgym.slam.merge.merging import Part
-
-    known = read_map(path)
-    if known.placement.theta != 0.0:
-        raise InputFileError(
-            path, "is turned in the map frame, and maps are drawn upright; set its yaw to 0"
-        )
-    say(f"slamgym: {path}: a bare map: its picture alone is laid on the others")
-    return Part.of_picture(str(path), known.grid)
+        return stored_part(path)
+    if log.is_file():
+        return _map_log(log, str(path), reading)
+    is_bag = episode_log(path) or (path / "metadata.yaml").exists()
+    if path.suffix.lower() in BARE_MAPS or (
+        path.is_dir() and any(path.glob("*.y*ml")) and not is_bag
+    ):
+        part = stored_part(path)
+        say(f"slamgym: {path}: a bare map: its picture alone is laid on the others")
+        return part
+    return _map_log(path, str(path), reading)
 
 
 def _map_log(path: Path, name: str, reading: LogReading) -> Part:
@@ -139,8 +125,6 @@ def _why(refusal: Refusal) -> str:
 
 def _entry(placed: Placed) -> dict[str, Any]:
     """What the summary says of an input."""
-    from slamgym.slam.merge.verdict import evidence_of
-
     entry: dict[str, Any] = {
         "name": placed.part.name,
         "is_picture": placed.part.graph is None,
@@ -153,7 +137,7 @@ def _entry(placed: Placed) -> dict[str, Any]:
     best = placed.verdict.best
     entry |= {
         "doubt": placed.verdict.doubt,
-        "evidence_nats": evidence_of(best.agreement),
+        "evidence_nats": best.evidence,
         "evidence_of_next_place_nats": max(placed.verdict.rival, -1e9),
         "walls_m": best.agreement._asdict(),
         "submaps_tied": 0 if best.joint is None else best.joint.ties,
@@ -189,11 +173,10 @@ def _report(folder: Path, summary: dict[str, Any]) -> Iterator[str]:
     for entry in others:
         x, y, turn = entry["pose"]
         walls = entry["walls_m"]
-        against = walls["beside"] + walls["contradicted"]
         said = f"a GUESS: {entry['doubt']}" if entry["doubt"] else "sure"
         yield (
             f"{entry['name']}: at {x:.2f}, {y:.2f} m, turned by {np.degrees(turn):.1f} degrees: {said}\n"
-            f"  {walls['agreed']:.0f} m of wall agree, {against:.1f} m don't; evidence {entry['evidence_nats']:.1f} "
-            f"nats, at the next place {entry['evidence_of_next_place_nats']:.1f}"
+            f"  {walls['agreed']:.0f} m of wall agree, {walls['contradicted']:.1f} m contradict; evidence "
+            f"{entry['evidence_nats']:.1f} nats, at the next place {entry['evidence_of_next_place_nats']:.1f}"
         )
     yield f"  {folder / 'map.png'}"

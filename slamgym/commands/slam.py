@@ -23,10 +23,11 @@ from slamgym.core.progress import counted, show_progress
 from slamgym.slam.config import Mode, SlamConfig
 
 if TYPE_CHECKING:
-    from slamgym.core.types import OccupancyGrid, Trajectory
+    from slamgym.core.types import Trajectory
     from slamgym.interop.logs import Relations
     from slamgym.interop.records import Log
     from slamgym.slam.mapper import Mapper
+    from slamgym.slam.merge.merging import Part
     from slamgym.slam.replay import ReplayResult
     from slamgym.viz.films import ShowPicture
 
@@ -49,7 +50,8 @@ class SlamArguments(LogReading, LogAndOut):
     """The same seed gives the same map."""
 
     continue_: Annotated[Path | None, tyro.conf.arg(name="continue")] = None
-    """Extend a finished map: a ROS map or the folder of an earlier run. The log must find itself on it."""
+    """Extend a finished map: the folder of an earlier run, whose map moves, too, or a ROS map. The log must find itself
+    on it."""
 
     relations: Path | None = None
     """File of reference relations (t1 t2 x y z roll pitch yaw): prints the errors over them."""
@@ -75,14 +77,18 @@ _FRAMES_PER_SECOND = 20.0
 def main(arguments: SlamArguments) -> None:
     """Run the command."""
     from slamgym.interop.logs import read_relations, read_truth
+    from slamgym.slam.merge.continuing import continue_map
+    from slamgym.slam.merge.stored import stored_part
 
     require_folder(arguments.out)
     relations = read_relations(arguments.relations) if arguments.relations is not None else None
     log = checked_log(arguments.log, arguments)
     truth = read_truth(arguments.log)
-    older = _older_map(arguments)
+    older = None if arguments.continue_ is None else stored_part(arguments.continue_)
     config = _config(arguments, log, older)
-    result = _replay(arguments, log, config, older)
+    result = _replay(arguments, log, config)
+    if older is not None:
+        result = continue_map(older, result, str(arguments.log))
     summary = {
         "log": str(arguments.log),
         "continued": None if arguments.continue_ is None else str(arguments.continue_),
@@ -99,25 +105,10 @@ def main(arguments: SlamArguments) -> None:
     end_results(arguments.out, summary, _report(arguments.out, summary))
 
 
-def _older_map(arguments: SlamArguments) -> OccupancyGrid | None:
-    """The map to continue."""
-    from slamgym.interop.map_files import read_map
-
-    if arguments.continue_ is None:
-        return None
-    older = read_map(arguments.continue_)
-    if older.placement.theta != 0.0:
-        raise ConfigError(
-            f"--continue {arguments.continue_}: the map is turned by {older.placement.theta:g} rad, and maps are drawn "
-            "upright; turn its image and set the yaw to 0"
-        )
-    return older.grid
-
-
-def _config(arguments: SlamArguments, log: Log, older: OccupancyGrid | None) -> SlamConfig:
+def _config(arguments: SlamArguments, log: Log, older: Part | None) -> SlamConfig:
     suited = SlamConfig.for_log(log.geometry.range_max, log.geometry.num_beams)
     if older is not None:
-        suited = replace(suited, resolution=older.frame.resolution)
+        suited = replace(suited, resolution=older.floor.grid.frame.resolution)
     options = {"mode": arguments.mode, "particles": arguments.particles}
     config = arguments.settings.configured(suited, options)
     if config.mode == "ground_truth":
@@ -131,11 +122,8 @@ def _config(arguments: SlamArguments, log: Log, older: OccupancyGrid | None) -> 
     return config
 
 
-def _replay(
-    arguments: SlamArguments, log: Log, config: SlamConfig, older: OccupancyGrid | None
-) -> ReplayResult:
+def _replay(arguments: SlamArguments, log: Log, config: SlamConfig) -> ReplayResult:
     """Replay with a progress bar, a window and a film if wanted."""
-    from slamgym.slam.localization.logs import continue_map
     from slamgym.slam.replay import replay
     from slamgym.viz.films import open_film
     from slamgym.viz.window import Window
@@ -155,8 +143,6 @@ def _replay(
             show(index, mapper)
 
         rng = np.random.default_rng(arguments.seed)
-        if older is not None:
-            return continue_map(log, older, config, rng, on_scan)
         return replay(log, config, rng, on_scan)
 
 
@@ -273,7 +259,7 @@ def _errors_of_truth(result: ReplayResult, truth: Trajectory | None) -> dict[str
 def _write(arguments: SlamArguments, result: ReplayResult, mode: str) -> None:
     from slamgym.interop.ros_map import write_ros_map
     from slamgym.interop.tum import write_doubt, write_tum
-    from slamgym.slam.graph.graph_files import GRAPH, SCANS, write_graph
+    from slamgym.slam.graph.graph_files import GRAPH, NODE_SCANS, write_graph
     from slamgym.viz.canvas import write_picture
     from slamgym.viz.map_pictures import draw_map
 
@@ -281,7 +267,7 @@ def _write(arguments: SlamArguments, result: ReplayResult, mode: str) -> None:
     path = result.trajectory
     begin_results(folder)
     write_ros_map(folder, result.grid)
-    for name in (GRAPH, SCANS):
+    for name in (GRAPH, NODE_SCANS):
         (folder / name).unlink(missing_ok=True)  # those of an earlier run
     if result.graph is not None:
         write_graph(folder, result.graph)

@@ -8,7 +8,6 @@ from slamgym.core.errors import SlamgymError
 from slamgym.core.geometry import paste
 from slamgym.core.jit import plain
 from slamgym.core.types import (
-    OCCUPIED,
     UNKNOWN,
     ByteArray,
     Float32Array,
@@ -27,9 +26,6 @@ from slamgym.slam.hit_count_kernels import (
 
 BLOCK = 64
 """The grid grows by blocks of this many cells, so that it seldom grows."""
-
-KNOWN_COUNT = 10
-"""Weight of a cell of an older map, in beams: a wall that is gone takes some thirty beams, a new one four."""
 
 CELL_BYTES = 9
 """Memory of a cell: two counts of four bytes, and its value."""
@@ -94,25 +90,6 @@ class HitCountMap:
             self._counts, self.corner, self._resolution, poses, ranges, self._beams, sign
         )
         return bounds
-
-    def add_known(self, grid: OccupancyGrid) -> None:
-        """Take what an older map says as so many observations of each of its cells (``KNOWN_COUNT``).
-
-        Args:
-            grid: Its cells must lie on this map's lattice.
-        """
-        step, x, y, rows, cols = grid.frame
-        row = round(y / step)
-        col = round(x / step)
-        box = (row, col, row + rows, col + cols)
-        self._grow_to(box)
-        row -= self.corner[0]
-        col -= self.corner[1]
-        counts = self._counts[row : row + rows, col : col + cols]
-        cells = grid.cells[::-1]
-        counts[..., 0] += KNOWN_COUNT * (cells == OCCUPIED)
-        counts[..., 1] += KNOWN_COUNT * (cells != UNKNOWN)
-        self._dirty = _around(box, self._dirty)
 
     def _grow_to(self, box: LatticeBox) -> bool:
         """Let the grid grow to cover a box of the lattice; true if it had to."""

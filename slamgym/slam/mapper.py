@@ -131,7 +131,6 @@ class Mapper(ABC):
         self._map = HitCountMap(self._beams, config)
         self._grid: OccupancyGrid | None = None
         self._stats = SlamStats()
-        self._known: OccupancyGrid | None = None
         self._path = Columns(stamps=(), poses=(3,))
 
     @property
@@ -168,18 +167,6 @@ class Mapper(ABC):
         self._stats.last_stamp = scan.stamp
         self._stats.cpu_seconds += self._clock() - begin
         return True
-
-    def know(self, grid: OccupancyGrid) -> None:
-        """Begin with an older map, before the first scan; its cells lie on the lattice of this one."""
-        self._known = grid
-        self._grid = None
-        self._new_map()
-
-    def _new_map(self) -> None:
-        """Begin the map again, with what was known before."""
-        self._map = HitCountMap(self._beams, self._config)
-        if self._known is not None:
-            self._map.add_known(self._known)
 
     def finish(self) -> None:  # noqa: B027 - most modes have nothing to do
         """Improve map and path once the log is complete; to be called after the last scan."""

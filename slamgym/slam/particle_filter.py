@@ -10,15 +10,7 @@ import numpy as np
 from slamgym.core.geometry import compose, wrap_angle
 from slamgym.core.jit import plain
 from slamgym.core.portable import product
-from slamgym.core.types import (
-    FloatArray,
-    IntArray,
-    LaserGeometry,
-    LaserScan,
-    OccupancyGrid,
-    Pose2D,
-    Trajectory,
-)
+from slamgym.core.types import FloatArray, IntArray, LaserGeometry, LaserScan, Pose2D, Trajectory
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.end_points import farthest, usable_end_points
 from slamgym.slam.hill_climbing import MatchSettings, match_particles
@@ -109,13 +101,6 @@ class ParticleFilter(Mapper):
         deviations -= (weights * deviations).sum(axis=0)
         weighted = deviations * weights
         return np.asarray(product(weighted.T, deviations), dtype=np.float64)
-
-    def know(self, grid: OccupancyGrid) -> None:
-        """Begin with an older map, which scans are matched with, too."""
-        super().know(grid)
-        config = self._config
-        self._maps = ParticleMaps(len(self._poses), config.resolution, config.memory_limit_mb)
-        self._maps.add_known(grid)
 
     def _num_bytes(self) -> int:
         return self._maps.num_bytes + self._tree.num_bytes

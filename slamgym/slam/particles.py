@@ -7,7 +7,7 @@ import numpy as np
 from slamgym.core.errors import SlamgymError
 from slamgym.core.jit import kernel, plain
 from slamgym.core.portable import exp
-from slamgym.core.types import OCCUPIED, FloatArray, IntArray, OccupancyGrid
+from slamgym.core.types import FloatArray, IntArray
 from slamgym.slam.columns import Columns
 from slamgym.slam.tiles import TILE, TileMaps, TilePool, copy_maps, register_scan
 
@@ -198,19 +198,6 @@ class ParticleMaps:
                 "use fewer particles, or a coarser resolution"
             )
         self.pool = self.pool.grown(larger)
-
-    def add_known(self, grid: OccupancyGrid) -> None:
-        """Take the occupied cells of an older map for end points that every particle has seen."""
-        rows, cols = np.nonzero(grid.cells == OCCUPIED)
-        frame = grid.frame
-        min_x, min_y, max_x, max_y = frame.bounds
-        middle = np.array([0.5 * (min_x + max_x), 0.5 * (min_y + max_y), 0.0])
-        x, y = frame.to_point(rows, cols)
-        points = np.column_stack([x, y]) - middle[:2]
-        poses = np.tile(middle, (len(self.tables), 1))
-        half = 0.5 * max(max_x - min_x, max_y - min_y)
-        self.cover(poses, half + frame.resolution)
-        self.register(poses, points)
 
     def resample(self, ancestors: IntArray) -> None:
         """Give each particle the map of its ancestor, (particles,)."""

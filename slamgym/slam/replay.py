@@ -2,11 +2,11 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from slamgym.core.types import BoolArray, FloatArray, GridFrame, OccupancyGrid, Pose2D, Trajectory
+from slamgym.core.types import BoolArray, FloatArray, OccupancyGrid, Pose2D, Trajectory
 from slamgym.interop.records import Log
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.graph.map_graph import MapGraph
@@ -42,19 +42,8 @@ class ReplayResult:
     """Other entries that the mapper reports, e.g. its loop closures."""
 
 
-class OlderMap(NamedTuple):
-    """A finished map to go on with."""
-
-    grid: OccupancyGrid  # on the lattice: its corner lies at multiples of the resolution
-    start: Pose2D  # where the log's first scan was taken, in the map's frame
-
-
 def replay(
-    log: Log,
-    config: SlamConfig,
-    rng: np.random.Generator,
-    on_scan: OnScan | None = None,
-    older: OlderMap | None = None,
+    log: Log, config: SlamConfig, rng: np.random.Generator, on_scan: OnScan | None = None
 ) -> ReplayResult:
     """Feed a log to a mapper, scan by scan.
 
@@ -63,17 +52,14 @@ def replay(
         config: Settings of the mapper.
         rng: Source of all randomness.
         on_scan: Called after each scan.
-        older: A map to go on with.
 
     Returns:
         The map, the trajectories and the counters. The map frame has its origin at the first scan's pose and
-        the axes of the odometry frame; that of an older map stays as it is.
+        the axes of the odometry frame.
     """
     log = with_laser_odometry(log)
-    start = Pose2D(0.0, 0.0, log.records[0].odometry.theta) if older is None else older.start
+    start = Pose2D(0.0, 0.0, log.records[0].odometry.theta)
     mapper = make_mapper(config, log.geometry, start, rng)
-    if older is not None:
-        mapper.know(older.grid)
     processed: list[int] = []
     last = np.zeros(len(log))
     covariances = np.zeros((len(log), 3, 3))
@@ -93,15 +79,11 @@ def replay(
     mapper.stats.doubtful = sorted({*mapper.stats.doubtful, *unseen})
     mapper.stats.doubted = log.doubted
     path = mapper.trajectory()
-    grid = mapper.occupancy_grid()
-    if older is not None:
-        frame = _common_frame(grid.frame, older.grid.frame)
-        grid = OccupancyGrid(mapper.render(frame), frame)
     track = log.track
     poses = poses_between(path.poses, track.scans[processed], track.poses)
     in_time = np.argsort(track.stamps, kind="stable")
     return ReplayResult(
-        grid=grid,
+        grid=mapper.occupancy_grid(),
         processed=path,
         trajectory=Trajectory(track.stamps[track.scans], poses[track.scans]),
         moments=Trajectory(track.stamps[in_time], poses[in_time]),
@@ -111,15 +93,3 @@ def replay(
         graph=mapper.graph(),
         extra=mapper.report(),
     )
-
-
-def _common_frame(a: GridFrame, b: GridFrame) -> GridFrame:
-    """The smallest frame that covers two on one lattice."""
-    a_left, a_bottom, a_right, a_top = a.bounds
-    b_left, b_bottom, b_right, b_top = b.bounds
-    left = min(a_left, b_left)
-    bottom = min(a_bottom, b_bottom)
-    width = max(a_right, b_right) - left
-    height = max(a_top, b_top) - bottom
-    step = b.resolution
-    return GridFrame(step, left, bottom, round(height / step), round(width / step))

@@ -10,7 +10,7 @@ from slamgym.commands.cli import TABLE
 from slamgym.core.errors import SlamgymError
 from slamgym.interop import read_ros_map, read_tum, write_carmen, write_ros_map
 from slamgym.slam import SlamConfig
-from slamgym.slam.graph.graph_files import GRAPH, SCANS, read_graph, write_graph
+from slamgym.slam.graph.graph_files import GRAPH, NODE_SCANS, read_graph, write_graph
 from slamgym.slam.replay import replay
 
 HERE = [(1, 1), (2.2, 2.3), (3.8, 2.3), (4.7, 2.4), (4.7, 3.6), (7, 3.8), (4.7, 3.6), (6.5, 1.2)]
@@ -118,7 +118,7 @@ def test_bad_inputs_are_one_sentence(folder, names, out, said):
 def test_folders_without_scans_other_versions_and_maps_without_resolution_are_one_sentence(folder):
     for name in ("no scans", "old"):
         shutil.copytree(folder / "a", folder / name)
-    (folder / "no scans" / SCANS).unlink()
+    (folder / "no scans" / NODE_SCANS).unlink()
     text = (folder / "old" / GRAPH).read_text()
     (folder / "old" / GRAPH).write_text(text.replace("graph 1", "graph 9"))
     bare = (folder / "bare" / "map.yaml").read_text()
@@ -126,7 +126,7 @@ def test_folders_without_scans_other_versions_and_maps_without_resolution_are_on
     (folder / "bare" / "map.yaml").write_text("\n".join(lines))
     (folder / "empty").mkdir()
     for name, said in {
-        "no scans": SCANS, "old": "version 9", "bare": "resolution", "empty": "empty",
+        "no scans": NODE_SCANS, "old": "version 9", "bare": "resolution", "empty": "empty",
     }.items():  # fmt: skip
         with pytest.raises(SlamgymError, match=said):
             merge(folder, "a", name)

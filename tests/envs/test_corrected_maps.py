@@ -10,6 +10,7 @@ from slamgym.core.types import Pose2D
 from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.envs.batch import beliefs
 from slamgym.slam import SlamConfig
+from slamgym.slam.hit_counts import HitCountMap
 from slamgym.slam.mapper import PoseTracker
 
 
@@ -32,7 +33,7 @@ class BendingMapper(PoseTracker):
         if len(self.scans) % self.every == 0:
             self.corrections += 1
             self._last_pose = self.true_poses[-1]
-            self._new_map()
+            self._map = HitCountMap(self._beams, self._config)
             self._map.draw(np.array(self.true_poses[1:]), np.array(self.scans))
 
 

@@ -7,7 +7,7 @@ from drawn_drives import FLAT, drive
 from slamgym.core.errors import InputFileError
 from slamgym.core.types import Pose2D
 from slamgym.slam import SlamConfig
-from slamgym.slam.graph.graph_files import GRAPH, SCANS, read_graph, write_graph
+from slamgym.slam.graph.graph_files import GRAPH, NODE_SCANS, read_graph, write_graph
 from slamgym.slam.graph.map_graph import joined_graph
 from slamgym.slam.graph.relative import moved_by, seen_from
 from slamgym.slam.replay import replay
@@ -68,8 +68,8 @@ def test_two_graphs_in_one_keep_their_edges_and_their_scans(tmp_path):
             "no line of a planar g2o",
         ),
         (GRAPH, lambda text: b"".join(text.splitlines(keepends=True)[:-1]), "doesn't belong"),
-        (SCANS, lambda data: data[: len(data) // 2], "no scans of slamgym"),
-        (SCANS, lambda _: b"", "no scans of slamgym"),
+        (NODE_SCANS, lambda data: data[: len(data) // 2], "no scans of slamgym"),
+        (NODE_SCANS, lambda _: b"", "no scans of slamgym"),
     ],
 )
 def test_a_broken_file_is_one_sentence(tmp_path, name, change, said):
@@ -83,8 +83,8 @@ def test_a_broken_file_is_one_sentence(tmp_path, name, change, said):
 
 def test_missing_scans_are_named(tmp_path):
     write_graph(tmp_path, mapped().graph)
-    (tmp_path / SCANS).unlink()
-    with pytest.raises(InputFileError, match=SCANS):
+    (tmp_path / NODE_SCANS).unlink()
+    with pytest.raises(InputFileError, match=NODE_SCANS):
         read_graph(tmp_path)
 
 

@@ -138,7 +138,7 @@ class LoopCloser:
                 break
             submap = submaps[number]
             is_apart = all(abs(number - other) >= SEPARATION for other in places)
-            if is_apart and not submap.is_older_map and not graph.is_tied(submap.first):
+            if is_apart and not graph.is_tied(submap.first):
                 places.append(number)
         return places
 

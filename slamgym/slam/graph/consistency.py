@@ -81,16 +81,13 @@ class Consistency:
         """
         own = submaps[number]
         counts = np.zeros(2)
-        if own.is_older_map:
-            return
         last = own.first + len(own.poses) - 1
         spread = np.linspace(own.first, last, JUDGED_SCANS + 2)[1:-1]
         nodes = np.unique(spread.astype(np.int64)).tolist()
         poses = [Pose2D(*graph.poses[node].tolist()) for node in nodes]
         lasers = np.array([compose(pose, self._geometry.mount) for pose in poses])
-        older = [submap for submap in submaps[:number] if not submap.is_older_map]
         scans = ranges[nodes]
-        for submap, places in near_submaps(older, graph, lasers):
+        for submap, places in near_submaps(submaps[:number], graph, lasers):
             means, sides = submap.lines()
             look_through(
                 means,

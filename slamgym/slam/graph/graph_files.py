@@ -23,7 +23,7 @@ from slamgym.slam.graph.map_graph import DriveScans, MapGraph
 from slamgym.slam.graph.solver import Edges
 
 GRAPH = "graph.g2o"
-SCANS = "scans.npz"
+NODE_SCANS = "scans.npz"
 VERSION = 1
 """Of both files; others are refused."""
 _UPPER = np.triu_indices(3)
@@ -45,7 +45,7 @@ def write_graph(folder: Path, graph: MapGraph) -> None:
         arrays[f"stamps_{number}"] = drive.stamps
         arrays[f"ranges_{number}"] = drive.ranges
     arrays["head"] = np.array(json.dumps({"version": VERSION, "drives": drives}))
-    with staged(folder / SCANS) as part, part.open("wb") as file:
+    with staged(folder / NODE_SCANS) as part, part.open("wb") as file:
         np.savez_compressed(file, **arrays)
     # The graph goes last: where it is, the scans are complete.
     write_text(folder / GRAPH, "".join(_g2o_lines(graph)))
@@ -71,7 +71,7 @@ def read_graph(folder: Path) -> MapGraph:
         InputFileError: If a file is missing, broken or of another version, or both don't belong together.
     """
     poses, ends, values = _read_g2o(folder / GRAPH)
-    path = folder / SCANS
+    path = folder / NODE_SCANS
     require_file(path)
     try:
         with zipfile.ZipFile(path) as archive:

@@ -15,7 +15,7 @@ DRAWN_LATTICE = np.array([0.004, 0.004, 0.002])
 """Steps in which poses are drawn into the map [m, m, rad]: what moves less isn't drawn again."""
 
 
-def on_lattice(poses: FloatArray) -> FloatArray:
+def drawn_poses(poses: FloatArray) -> FloatArray:
     """Poses (N, 3) as they are drawn: the map follows from the path, however often it was drawn before."""
     return np.asarray(np.round(poses / DRAWN_LATTICE) * DRAWN_LATTICE)
 
@@ -60,7 +60,7 @@ class MapGraph:
         drawn = HitCountMap(drives[0].beams, drives[0].config)
         for drive in drives:
             drawn.see_with(drive.beams)
-            drawn.draw(on_lattice(self.poses[drive.nodes]), drive.ranges)
+            drawn.draw(drawn_poses(self.poses[drive.nodes]), drive.ranges)
         return drawn.occupancy_grid()
 
     def moved(self, poses: FloatArray) -> "MapGraph":

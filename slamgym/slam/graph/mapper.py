@@ -24,7 +24,7 @@ from slamgym.slam.graph.alignment import MOST_SUBMAPS, Alignment, AlignmentTarge
 from slamgym.slam.graph.closures import LoopCloser
 from slamgym.slam.graph.compass import Compass
 from slamgym.slam.graph.consistency import Consistency
-from slamgym.slam.graph.map_graph import DriveScans, MapGraph, on_lattice
+from slamgym.slam.graph.map_graph import DriveScans, MapGraph, drawn_poses
 from slamgym.slam.graph.pose_graph import PoseGraph
 from slamgym.slam.graph.recovery import Recovery
 from slamgym.slam.graph.relative import (
@@ -35,7 +35,7 @@ from slamgym.slam.graph.relative import (
     seen_from,
     turned_matrix,
 )
-from slamgym.slam.graph.submaps import Submap, known_submap, known_surfaces, sides_of
+from slamgym.slam.graph.submaps import Submap, sides_of
 from slamgym.slam.graph.wheels import WheelStep
 from slamgym.slam.laser_changes import seen_after
 from slamgym.slam.laser_check import median_change
@@ -139,8 +139,7 @@ class PoseGraphMapper(Mapper):
         """What was measured, with the scans; None before the first scan."""
         if self._last_scan is None:
             return None
-        submaps = [submap for submap in self._submaps if not submap.is_older_map]
-        first = np.array([submap.first for submap in submaps])
+        first = np.array([submap.first for submap in self._submaps])
         drive = DriveScans(
             first=0,
             stamps=self._scans["stamps"].copy(),
@@ -186,7 +185,8 @@ class PoseGraphMapper(Mapper):
         sides = sides_of(points, np.array(self._beams.mount[:2]))
         fit = 1.0
         if len(self._graph) == 0:
-            self._begin(step, points, sides)
+            self._submaps.append(Submap(0, self._reach))
+            self._graph.append(self._start, step, np.zeros((3, 3)))
         elif len(points) < LEAST_POINTS:
             self._graph.append(self._predicted(step), step, self._information(step))
         else:
@@ -200,19 +200,6 @@ class PoseGraphMapper(Mapper):
         interval = max(OPTIMISE_INTERVAL, OPTIMISE_SHARE * len(self._graph))
         if len(self._graph) - self._graph.optimised >= interval:
             self._optimise(STEPS_AFTER_NODES)
-
-    def _begin(self, step: WheelStep, points: FloatArray, sides: FloatArray) -> None:
-        """Make the first node, on an older map if there is one."""
-        if self._known is not None:
-            surfaces = known_surfaces(self._known)
-            guess = self._start
-            older = AlignmentTarget([known_submap(surfaces, guess)], guess[None])
-            self._start = older.align(points, sides, guess, guess, np.zeros((3, 3))).pose
-            submap = known_submap(surfaces, self._start)
-            self._submaps.append(submap)
-            self._closed.append(first=0, centre=submap.centre)
-        self._submaps.append(Submap(0, self._reach))
-        self._graph.append(self._start, step, np.zeros((3, 3)))
 
     def _is_carried(self, scan: LaserScan) -> bool:
         """True if the view is neither that of the scan before nor what it lets expect at the place that was found."""
@@ -300,7 +287,7 @@ class PoseGraphMapper(Mapper):
         """Submaps as they are now: drawn again where their scans have moved."""
         submaps = [self._submaps[number] for number in numbers]
         for submap in submaps:
-            if submap.checked < self._graph.optimisations and not submap.is_older_map:
+            if submap.checked < self._graph.optimisations:
                 submap.checked = self._graph.optimisations
                 self._draw_again(submap)
         firsts = [submap.first for submap in submaps]
@@ -390,7 +377,7 @@ class PoseGraphMapper(Mapper):
 
     def _draw_path(self) -> None:
         """Draw the scans that are new, and again those that have moved."""
-        poses = on_lattice(self._graph.poses)
+        poses = drawn_poses(self._graph.poses)
         ranges = self._scans["ranges"]
         before = self._drawn_poses
         drawn = len(before)

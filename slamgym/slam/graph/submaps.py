@@ -65,8 +65,6 @@ class Submap:
         """Poses (3,) of the scans in the submap's frame, as they were drawn."""
         self.centre = np.zeros(2)
         """Mean of the surfaces in the submap's frame, once it is closed [m]."""
-        self.is_older_map = False
-        """True if it is a finished map, which is never drawn again."""
         self.checked = 0
         """Number of optimisations of the graph after which it was last compared with the path."""
         self._used = 0
@@ -302,5 +300,4 @@ def known_submap(surfaces: tuple[FloatArray, FloatArray], start: FloatArray) -> 
     submap = Submap(0, reach)
     submap.add(seen_from(start, np.zeros(3)), points, sides)
     submap.close()
-    submap.is_older_map = True
     return submap

@@ -24,13 +24,14 @@ class Picture(NamedTuple):
     pose: FloatArray  # (3,) of the grid's frame in the frame of the merged map
 
 
-def paint(pictures: Sequence[Picture]) -> OccupancyGrid:
+def paint(pictures: Sequence[Picture], lattice: GridFrame) -> OccupancyGrid:
     """Lay pictures on each other: what the first ones know stands.
 
-    The cells are those of the first picture, which must not be turned.
+    Args:
+        pictures: The first ones count most.
+        lattice: The map has its cells, as many as are needed.
     """
-    first = pictures[0].grid.frame
-    step = first.resolution
+    step = lattice.resolution
     left = bottom = np.inf
     right = top = -np.inf
     for grid, pose in pictures:
@@ -39,7 +40,7 @@ def paint(pictures: Sequence[Picture]) -> OccupancyGrid:
         placed = transform_points(Pose2D(*pose.tolist()), corners)
         left, bottom = np.minimum((left, bottom), placed.min(axis=0))
         right, top = np.maximum((right, top), placed.max(axis=0))
-    x, y = np.array([first.origin_x, first.origin_y]) + pictures[0].pose[:2]
+    x, y = lattice.origin_x, lattice.origin_y
     before = np.ceil(np.array([x - left, y - bottom]) / step - 1e-6)
     beyond = np.ceil(np.array([right - x, top - y]) / step - 1e-6)
     cols, rows = (before + beyond).astype(int).tolist()

@@ -12,7 +12,9 @@ from slamgym.core.geometry import transform_points
 from slamgym.core.jit import plain
 from slamgym.core.types import FREE, OCCUPIED, FloatArray, OccupancyGrid, Pose2D
 from slamgym.slam.end_points import usable_end_points
+from slamgym.slam.graph.closures import FEW_SURFACES
 from slamgym.slam.graph.map_graph import MapGraph
+from slamgym.slam.graph.mapper import MATCH_RANGE
 from slamgym.slam.graph.relative import seen_from
 from slamgym.slam.graph.submaps import SUBMAP_CELL, Submap, known_surfaces, sides_of
 
@@ -20,37 +22,33 @@ VIEW_REACH = 8.0
 """Surfaces further than this from the middle of a view aren't part of it [m]."""
 VIEW_SUBMAPS = 1
 """A view holds a submap and so many before and behind it: 6 m of driving."""
-VIEW_SPACING = 1.5
+VIEW_SPACING = 2.0
 """Views lie so far apart [m]: nearer ones show the same."""
 SMOOTHED = 2.0
 """Standard deviation over which a picture is smoothed to find its walls' normals [cells]."""
 LEAST_SLOPE = 0.4
 """A smoothed picture that is flatter than this shows no normal."""
-FEW_SURFACES = 30
-"""A view of fewer surfaces is not searched for."""
-MATCH_RANGE = 25.0
-"""Longer returns are not matched [m]."""
 
 
-class Surfaces(NamedTuple):
+class WallPieces(NamedTuple):
     """Pieces of wall, at most one a cell and side."""
 
     points: FloatArray  # (n, 2) [m]
     sides: FloatArray  # (n, 3) unit vectors to the side that they were seen from, and 1
 
-    def placed(self, pose: FloatArray) -> "Surfaces":
+    def placed(self, pose: FloatArray) -> "WallPieces":
         """The same, given in the frame of a pose (3,), in the frame that the pose is given in."""
         frame = Pose2D(*pose.tolist())
         turned = transform_points(Pose2D(0.0, 0.0, frame.theta), self.sides[:, :2])
         sides = np.column_stack([turned, self.sides[:, 2]])
-        return Surfaces(transform_points(frame, self.points), sides)
+        return WallPieces(transform_points(frame, self.points), sides)
 
 
 class View(NamedTuple):
     """What was seen near a place."""
 
     pose: FloatArray  # (3,) of the place on its map
-    surfaces: Surfaces  # in the frame of the place
+    surfaces: WallPieces  # in the frame of the place
 
 
 @dataclass(frozen=True)
@@ -58,7 +56,7 @@ class Floor:
     """A finished map."""
 
     grid: OccupancyGrid
-    surfaces: Surfaces
+    surfaces: WallPieces
     """Of the whole map, in its frame."""
     views: tuple[View, ...]
     """What is sought of it on other maps."""
@@ -67,7 +65,7 @@ class Floor:
 def graph_floor(graph: MapGraph, submaps: list[Submap]) -> Floor:
     """The floor of a graph with its submaps."""
     frames = graph.poses[graph.submaps[:, 0]]
-    seen = [Surfaces(*submap.lines()) for submap in submaps]
+    seen = [WallPieces(*submap.lines()) for submap in submaps]
     placed = [surfaces.placed(frame) for surfaces, frame in zip(seen, frames, strict=True)]
     views: list[View] = []
     for number, frame in enumerate(frames):
@@ -93,35 +91,35 @@ def picture_floor(grid: OccupancyGrid) -> Floor:
     return _floor(grid, surfaces, views)
 
 
-def _floor(grid: OccupancyGrid, surfaces: Surfaces, views: list[View]) -> Floor:
+def _floor(grid: OccupancyGrid, surfaces: WallPieces, views: list[View]) -> Floor:
     rich = [view for view in views if len(view.surfaces.points) >= FEW_SURFACES]
     return Floor(grid, surfaces, tuple(rich))
 
 
-def _joined(parts: list[Surfaces]) -> Surfaces:
+def _joined(parts: list[WallPieces]) -> WallPieces:
     points = np.concatenate([part.points for part in parts])
     sides = np.concatenate([part.sides for part in parts])
-    return _thinned(Surfaces(points, sides))
+    return _thinned(WallPieces(points, sides))
 
 
-def _thinned(surfaces: Surfaces) -> Surfaces:
+def _thinned(surfaces: WallPieces) -> WallPieces:
     """One piece a cell and direction of its side."""
     points, sides = surfaces
     cells = np.floor(points / SUBMAP_CELL)
-    octants = np.round(np.arctan2(sides[:, 1], sides[:, 0]) / (0.5 * np.pi)) % 4
-    keys = np.column_stack([cells, octants])
+    quadrants = np.round(np.arctan2(sides[:, 1], sides[:, 0]) / (0.5 * np.pi)) % 4
+    keys = np.column_stack([cells, quadrants])
     _, kept = np.unique(keys, axis=0, return_index=True)
-    return Surfaces(points[kept], sides[kept])
+    return WallPieces(points[kept], sides[kept])
 
 
-def _view(pose: FloatArray, surfaces: Surfaces) -> View:
+def _view(pose: FloatArray, surfaces: WallPieces) -> View:
     """What of some surfaces lies near a pose (3,)."""
     away = np.hypot(*(surfaces.points - pose[:2]).T)
-    near = Surfaces(*(part[away < VIEW_REACH] for part in surfaces))
+    near = WallPieces(*(part[away < VIEW_REACH] for part in surfaces))
     return View(pose, near.placed(seen_from(pose, np.zeros(3))))
 
 
-def picture_surfaces(grid: OccupancyGrid) -> Surfaces:
+def picture_surfaces(grid: OccupancyGrid) -> WallPieces:
     """Occupied cells next to free ones, once for each side that is free, and the walls' normals to that side."""
     import cv2
 
@@ -139,7 +137,7 @@ def picture_surfaces(grid: OccupancyGrid) -> Surfaces:
     # A thin wall with floor on both sides has no slope: its sides are those of its cells.
     is_clear = (normals * sides[:, :2]).sum(axis=1) > 0.5 * np.maximum(steepness, LEAST_SLOPE)
     sides[is_clear, :2] = normals[is_clear] / steepness[is_clear, None]
-    return Surfaces(points, sides)
+    return WallPieces(points, sides)
 
 
 def draw_submaps(graph: MapGraph) -> list[Submap]:

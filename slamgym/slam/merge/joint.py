@@ -8,21 +8,21 @@ from slamgym.core.geometry import transform_poses, wrap_angle
 from slamgym.core.portable import inverted
 from slamgym.core.types import FloatArray, Pose2D
 from slamgym.slam.graph.alignment import MOST_SUBMAPS, AlignmentTarget
+from slamgym.slam.graph.closures import FEW_SURFACES
 from slamgym.slam.graph.factor import elimination_order, rank_anchors
 from slamgym.slam.graph.map_graph import MapGraph, joined_graph
 from slamgym.slam.graph.pose_graph import GRADUATION, ROBUST_WIDTH
 from slamgym.slam.graph.relative import Match, match_with, placed_points, seen_from
 from slamgym.slam.graph.solver import Edges, optimise
 from slamgym.slam.graph.submaps import Submap
-from slamgym.slam.merge.floor import FEW_SURFACES
 
-ROUNDS = 2
+ALIGNMENT_ROUNDS = 2
 """The submaps are aligned so often: after the first least squares they lie nearer."""
-NEAR = 12.0
+NEAR_SUBMAPS = 12.0
 """Submaps whose middles are so far from each other show nothing in common [m]."""
 MOST_NEAR = 8
 """So many of the nearest submaps are looked at."""
-OVERLAP = 0.3
+LEAST_OVERLAP = 0.3
 """A submap is aligned with others that show more than this share of its surfaces."""
 TIE_FIT = 0.5
 """Share of a submap's surfaces that must fit the other drive's."""
@@ -30,7 +30,7 @@ MOST_MOVED = (0.6, 0.1)
 """A submap is aligned with the other drive's if that moves it no more than this [m], [rad]."""
 FEW_HITS = 10
 """A submap is tied to another if so many of its surfaces lie near the other's."""
-STEPS = 15
+STEPS_OF_JOINT = 15
 """Steps of least squares."""
 
 
@@ -68,7 +68,7 @@ def join(
     count = len(first.poses)
     ties: list[Match] = []
     covariance = np.zeros((3, 3))
-    for _ in range(ROUNDS):
+    for _ in range(ALIGNMENT_ROUNDS):
         ties = _align_all(graph, submaps)
         if not ties:
             return None
@@ -93,7 +93,7 @@ def _align_all(graph: MapGraph, submaps: tuple[list[Submap], list[Submap]]) -> l
         x, y = placed_points(pose[None], submap.centre[None])
         away = np.hypot(middles[:, 0] - x, middles[:, 1] - y)
         nearest = np.argsort(away, kind="stable")[:MOST_NEAR]
-        near = nearest[away[nearest] < NEAR].tolist()
+        near = nearest[away[nearest] < NEAR_SUBMAPS].tolist()
         numbers = _overlapping(graph, first, near, points, sides, pose)
         if not numbers:
             continue
@@ -127,7 +127,7 @@ def _overlapping(
         found = _target(graph, submaps, numbers).hit_shares(points, sides, pose, 2)
         shares += [(-share, number) for share, number in zip(found.tolist(), numbers, strict=True)]
     shares.sort()
-    return [number for share, number in shares[:MOST_SUBMAPS] if -share > OVERLAP]
+    return [number for share, number in shares[:MOST_SUBMAPS] if -share > LEAST_OVERLAP]
 
 
 def _target(graph: MapGraph, submaps: list[Submap], numbers: list[int]) -> AlignmentTarget:
@@ -161,8 +161,8 @@ def _optimised(graph: MapGraph, node: int) -> tuple[MapGraph, FloatArray]:
     for factor in GRADUATION:
         wide = edges._replace(width=edges.width * factor)
         poses = optimise(poses, no_errors, wide, places, known, 4, 1e-3).poses
-    solution = optimise(poses, no_errors, edges, places, known, STEPS)
-    return graph.moved(solution.poses), solution.factor.covariance(node, node)
+    solution = optimise(poses, no_errors, edges, places, known, STEPS_OF_JOINT)
+    return graph.moved(solution.poses), solution.covariance(node, node)
 
 
 def tied_loosely(

@@ -11,8 +11,8 @@ from slamgym.metrics.trajectory import align_se2
 from slamgym.slam.graph.map_graph import MapGraph
 from slamgym.slam.merge.drawing import Picture, paint
 from slamgym.slam.merge.joint import tied_loosely
-from slamgym.slam.merge.merging import Part, compare
-from slamgym.slam.merge.verdict import Verdict
+from slamgym.slam.merge.merging import Part, compare_parts
+from slamgym.slam.merge.verdict import UNKNOWN_BUILDINGS, JointVerdict, Odds
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Placed:
     """Of its frame in that of the merged map."""
     covariance: FloatArray
     """(3, 3) of its first pose in the frame of the first input; zero of that."""
-    verdict: Verdict | None
+    verdict: JointVerdict | None
     """What says that it belongs to the others; None of the first."""
 
 
@@ -45,12 +45,13 @@ class Merged:
             for one in self.placed
             if one.part.graph is None
         ]
-        if self.graph is None:
-            return paint(pictures)
-        drawn = self.graph.grid()
-        if not pictures:
-            return drawn
-        return paint([Picture(drawn, np.zeros(3)), *pictures])
+        if self.graph is not None:
+            pictures.insert(0, Picture(self.graph.grid(), np.zeros(3)))
+        if len(pictures) == 1:
+            return pictures[0].grid
+        first = self.placed[0].part
+        is_drawn = first.graph is not None
+        return paint(pictures, pictures[0].grid.frame if is_drawn else first.floor.grid.frame)
 
 
 @dataclass(frozen=True)
@@ -61,15 +62,18 @@ class Refusal:
     """What belongs together."""
     part: Part
     """A map that belongs to it least badly, and yet isn't sure to."""
-    verdict: Verdict
+    verdict: JointVerdict
 
 
-def merge_parts(parts: Sequence[Part], guess: bool = False) -> Merged | Refusal:
+def merge_parts(
+    parts: Sequence[Part], guess: bool = False, odds: Odds = UNKNOWN_BUILDINGS
+) -> Merged | Refusal:
     """Merge maps.
 
     Args:
         parts: Two or more; the frame of the first is that of the result.
         guess: Take the best place of each, sure or not.
+        odds: What is known of them.
 
     Returns:
         The merged map; or the first that can't be merged with those that can, if one isn't sure to belong to them.
@@ -78,9 +82,9 @@ def merge_parts(parts: Sequence[Part], guess: bool = False) -> Merged | Refusal:
     merged = Merged((_first_placed(first),), first.graph)
     base = first
     while left:
-        found: list[tuple[Part, Verdict]] = []
+        found: list[tuple[Part, JointVerdict]] = []
         for part in left:
-            verdict = compare(base, part)
+            verdict = compare_parts(base, part, odds)
             found.append((part, verdict))
             if not verdict.doubt:
                 break
@@ -93,7 +97,7 @@ def merge_parts(parts: Sequence[Part], guess: bool = False) -> Merged | Refusal:
     return merged
 
 
-def _rank(verdict: Verdict) -> tuple[bool, float]:
+def _rank(verdict: JointVerdict) -> tuple[bool, float]:
     return not verdict.doubt, -np.inf if verdict.best is None else verdict.best.evidence
 
 
@@ -102,7 +106,7 @@ def _first_placed(part: Part) -> Placed:
     return Placed(part, slice(0, count), Pose2D(0.0, 0.0, 0.0), np.zeros((3, 3)), None)
 
 
-def _added(merged: Merged, base: Part, part: Part, verdict: Verdict) -> Merged:
+def _added(merged: Merged, base: Part, part: Part, verdict: JointVerdict) -> Merged:
     """A merged map with one more part."""
     best = verdict.best
     assert best is not None

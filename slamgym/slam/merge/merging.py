@@ -4,8 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from slamgym.core.errors import SlamgymError
 from slamgym.core.geometry import wrap_angle
 from slamgym.core.types import FloatArray, OccupancyGrid
+from slamgym.metrics.trajectory import align_se2
 from slamgym.slam.graph.map_graph import MapGraph
 from slamgym.slam.graph.relative import moved_by
 from slamgym.slam.graph.submaps import Submap
@@ -13,11 +15,11 @@ from slamgym.slam.merge.floor import Floor, draw_submaps, graph_floor, picture_f
 from slamgym.slam.merge.joint import join
 from slamgym.slam.merge.overlay import FloorFields, agreement
 from slamgym.slam.merge.search import find_transforms
-from slamgym.slam.merge.verdict import Hypothesis, Verdict, judge
+from slamgym.slam.merge.verdict import JointVerdict, Odds, Overlay, judge_joint
 
-COARSE = 0.2
+COARSE_TOLERANCE = 0.2
 """Walls agree that are so near, before two maps are aligned [m]."""
-FINE = 0.1
+FINE_TOLERANCE = 0.1
 """Walls agree that are so near, once they are [m]: a cell of a submap."""
 MOST_ALIGNED = 24
 """So many places are aligned ..."""
@@ -46,43 +48,66 @@ class Part:
 
     @staticmethod
     def of_graph(name: str, graph: MapGraph) -> "Part":
-        """A map with its graph."""
+        """A map with its graph.
+
+        Raises:
+            SlamgymError: If it shows no wall.
+        """
         submaps = draw_submaps(graph)
-        return Part(name, graph, submaps, FloorFields(graph_floor(graph, submaps)))
+        floor = graph_floor(graph, submaps)
+        return Part(name, graph, submaps, _fields(name, floor))
 
     @staticmethod
     def of_picture(name: str, grid: OccupancyGrid) -> "Part":
-        """A bare map."""
-        return Part(name, None, [], FloorFields(picture_floor(grid)))
+        """A bare map.
+
+        Raises:
+            SlamgymError: If it shows no wall.
+        """
+        return Part(name, None, [], _fields(name, picture_floor(grid)))
 
 
-def compare(first: Part, second: Part) -> Verdict:
+def _fields(name: str, floor: Floor) -> FloorFields:
+    if len(floor.surfaces.points) == 0:
+        raise SlamgymError(
+            f"{name}: has no wall beside free floor: nothing can be laid on it; check its thresholds"
+        )
+    return FloorFields(floor)
+
+
+def compare_parts(first: Part, second: Part, odds: Odds) -> JointVerdict:
     """Find where one map lies on another, and judge it."""
     unknown = np.zeros((3, 3))
     transforms = find_transforms(first.floor, second.floor)
-    coarse = [_rigid(first, second, pose, unknown, COARSE) for pose in transforms]
+    coarse = [_rigid(first, second, odds, pose, unknown, COARSE_TOLERANCE) for pose in transforms]
     aligned = []
     for hypothesis in _distinct(coarse, second, MOST_ALIGNED):
         pose, covariance = first.fields.align(second.floor.surfaces, hypothesis.pose)
-        aligned.append(_rigid(first, second, pose, covariance, FINE))
+        aligned.append(_rigid(first, second, odds, pose, covariance, FINE_TOLERANCE))
     best = _distinct(aligned, second, MOST_JOINED)
     if first.submaps and second.submaps:
-        best = [_joined(first, second, hypothesis) for hypothesis in best]
-    return judge(best)
+        joined = [_joined(first, second, odds, hypothesis) for hypothesis in best]
+        best = _distinct(joined, second, MOST_JOINED)  # some have met
+    return judge_joint(best, odds)
 
 
 def _rigid(
-    first: Part, second: Part, pose: FloatArray, covariance: FloatArray, tolerance: float
-) -> Hypothesis:
+    first: Part,
+    second: Part,
+    odds: Odds,
+    pose: FloatArray,
+    covariance: FloatArray,
+    tolerance: float,
+) -> Overlay:
     said = agreement(first.fields, second.fields, pose, tolerance)
-    return Hypothesis(pose, said, None, covariance)
+    return Overlay(pose, covariance, said, odds.evidence(said))
 
 
-def _distinct(hypotheses: list[Hypothesis], second: Part, most: int) -> list[Hypothesis]:
+def _distinct(hypotheses: list[Overlay], second: Part, most: int) -> list[Overlay]:
     """The best of some ways, each clearly different from those before."""
     middle = np.array([*second.floor.surfaces.points.mean(axis=0), 0.0])
     ranked = sorted(hypotheses, key=lambda hypothesis: -hypothesis.evidence)
-    kept: list[Hypothesis] = []
+    kept: list[Overlay] = []
     places = np.zeros((0, 3))
     for hypothesis in ranked:
         place = moved_by(hypothesis.pose, middle)
@@ -96,7 +121,7 @@ def _distinct(hypotheses: list[Hypothesis], second: Part, most: int) -> list[Hyp
     return kept
 
 
-def _joined(first: Part, second: Part, hypothesis: Hypothesis) -> Hypothesis:
+def _joined(first: Part, second: Part, odds: Odds, hypothesis: Overlay) -> Overlay:
     """The same once the graphs are one; as it was if no submap can be aligned there."""
     assert first.graph is not None
     assert second.graph is not None
@@ -106,5 +131,6 @@ def _joined(first: Part, second: Part, hypothesis: Hypothesis) -> Hypothesis:
         return hypothesis
     parts = joint.parts(first.graph, second.graph)
     one, other = (FloorFields(graph_floor(graph, draw_submaps(graph))) for graph in parts)
-    said = agreement(one, other, np.zeros(3), FINE)
-    return hypothesis._replace(agreement=said, joint=joint)
+    said = agreement(one, other, np.zeros(3), FINE_TOLERANCE)
+    pose = np.array(align_se2(second.graph.poses[:, :2], parts[1].poses[:, :2]))
+    return hypothesis._replace(pose=pose, agreement=said, evidence=odds.evidence(said), joint=joint)

@@ -1,7 +1,8 @@
-"""How well two floors agree where both were seen: walls that lie on walls, beside them, and on free floor."""
+"""How well two floors agree where both were seen: walls that lie on walls, and walls that lie on free floor."""
 
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
@@ -10,26 +11,21 @@ from slamgym.core.types import FREE, BoolArray, Float32Array, FloatArray, IntArr
 from slamgym.slam.graph.alignment import FACES, AlignmentTarget
 from slamgym.slam.graph.relative import match_with, seen_from
 from slamgym.slam.graph.submaps import SUBMAP_CELL, Submap
-from slamgym.slam.merge.floor import Floor, Surfaces
+from slamgym.slam.merge.floor import Floor, WallPieces
 
-BORDER = 1.0
+FIELD_BORDER = 1.0
 """Width of the strip round a map in which distances to its walls are known [m]."""
-BESIDE = 0.3
-"""A wall this near to one of the other map that faces the same way may be the same, or beside it [m]."""
+SMEARED = 0.06
+"""Walls that miss each other by so much more than the tolerance say nothing: noisy lasers smear them [m]."""
+STRAY_PIECES = 2.5
+"""So few contradicting pieces within 15 cm are stray end points: a laser of 8 m leaves them along its walls."""
 
 
-class Agreement(NamedTuple):
+class WallAgreement(NamedTuple):
     """What two floors say of each other at a transform: the mean of both directions."""
 
     agreed: float  # wall on wall [m]
-    beside: float  # wall in front of or behind a wall [m]
     contradicted: float  # wall on free floor [m]
-
-    @property
-    def share(self) -> float:
-        """Share of the walls seen on both maps that contradicts."""
-        against = self.beside + self.contradicted
-        return against / max(self.agreed + against, 1e-9)
 
 
 def faces_of(sides: FloatArray) -> IntArray:
@@ -47,7 +43,7 @@ class FloorFields:
         frame = floor.grid.frame
         self.floor = floor
         self._cell = frame.resolution
-        border = round(BORDER / self._cell)
+        border = round(FIELD_BORDER / self._cell)
         self._corner = np.array([frame.origin_x, frame.origin_y]) - border * self._cell
         free = np.pad(floor.grid.cells[::-1] == FREE, border)
         self._away: Float32Array = np.empty((FACES, *free.shape), np.float32)
@@ -60,14 +56,14 @@ class FloorFields:
             is_seen = towards > 0.0
             is_empty[rows[is_seen], cols[is_seen]] = False
             self._away[face] = distance_transform_edt(is_empty, sampling=self._cell)
-        reach = float(np.hypot(points[:, 0], points[:, 1]).max()) + BORDER
+        reach = float(np.hypot(points[:, 0], points[:, 1]).max()) + FIELD_BORDER
         submap = Submap(0, reach)
         submap.add(np.zeros(3), points, sides)
         submap.close()
         self._target = AlignmentTarget([submap], np.zeros((1, 3)))
         self._is_free: BoolArray = free
 
-    def align(self, surfaces: Surfaces, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def align(self, surfaces: WallPieces, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The pose (3,) near a given one at which some surfaces in its frame lie best on this floor's walls.
 
         Returns:
@@ -84,8 +80,8 @@ class FloorFields:
         cols, rows = np.floor((points - self._corner) / self._cell).astype(np.int64).T
         return rows, cols
 
-    def compare(self, surfaces: Surfaces, tolerance: float) -> FloatArray:
-        """Metres (3,) of surfaces on this floor's walls to within a tolerance [m], beside them, and on its floor."""
+    def compare(self, surfaces: WallPieces, tolerance: float) -> FloatArray:
+        """Metres (2,) of surfaces on this floor's walls to within a tolerance [m], and on its free floor."""
         rows, cols = self._cells(surfaces.points)
         height, width = self._is_free.shape
         is_inside = (rows >= 0) & (cols >= 0) & (rows < height) & (cols < width)
@@ -93,16 +89,25 @@ class FloorFields:
         faces = faces_of(surfaces.sides[is_inside])
         away = self._away[faces, rows, cols]
         is_agreed = away <= tolerance
-        is_false = self._is_free[rows, cols] & ~is_agreed
-        agreed = np.count_nonzero(is_agreed)
-        beside = np.count_nonzero(is_false & (away <= BESIDE))
-        contradicted = np.count_nonzero(is_false) - beside
-        return SUBMAP_CELL * np.array([agreed, beside, contradicted], dtype=np.float64)
+        is_false = self._is_free[rows, cols] & (away > tolerance + SMEARED)
+        is_false[is_false] = self._are_together(rows[is_false], cols[is_false])
+        counts = np.array([np.count_nonzero(is_agreed), np.count_nonzero(is_false)])
+        return SUBMAP_CELL * counts
+
+    def _are_together(self, rows: IntArray, cols: IntArray) -> BoolArray:
+        """True (n,) for those of some cells that make a piece of wall; others are stray end points."""
+        side = SUBMAP_CELL / self._cell
+        height, width = self._is_free.shape
+        coarse = (rows / side).astype(np.int64), (cols / side).astype(np.int64)
+        counts = np.zeros((int(height / side) + 1, int(width / side) + 1), np.float32)
+        np.add.at(counts, coarse, 1.0)
+        around = cv2.boxFilter(counts, -1, (3, 3), normalize=False, borderType=cv2.BORDER_CONSTANT)
+        return np.asarray(around[coarse] > STRAY_PIECES)
 
 
 def agreement(
     here: FloorFields, there: FloorFields, pose: FloatArray, tolerance: float
-) -> Agreement:
+) -> WallAgreement:
     """Compare two floors.
 
     Args:
@@ -113,4 +118,4 @@ def agreement(
     """
     ahead = here.compare(there.floor.surfaces.placed(pose), tolerance)
     back = there.compare(here.floor.surfaces.placed(seen_from(pose, np.zeros(3))), tolerance)
-    return Agreement(*(0.5 * (ahead + back)).tolist())
+    return WallAgreement(*(0.5 * (ahead + back)).tolist())

@@ -8,29 +8,21 @@ import math
 
 import numpy as np
 
-from slamgym.core.geometry import wrap_angle
 from slamgym.core.types import ByteArray, FloatArray
 from slamgym.slam.branch_and_bound import HIT, search_blocks, turned_cells
 from slamgym.slam.graph.alignment import FACES
-from slamgym.slam.graph.matching import heading_step, score_levels
+from slamgym.slam.graph.matching import SEARCH_POINTS, heading_step, score_levels
 from slamgym.slam.graph.relative import moved_by, seen_from
 from slamgym.slam.graph.submaps import SUBMAP_CELL
-from slamgym.slam.merge.floor import VIEW_REACH, Floor, Surfaces, View
+from slamgym.slam.localization.global_search import HEADING_STEPS, is_same
+from slamgym.slam.merge.floor import VIEW_REACH, Floor, View, WallPieces
 
-LEVELS = 6
+SEARCH_LEVELS = 6
 """The largest blocks of a search have sides of 32 cells."""
-HEADING_STEPS = (0.015, 0.07)
-"""Bounds of the step in heading [rad]."""
-SEARCH_POINTS = 150
-"""Surfaces of a view that are searched for."""
-SCORE_MARGIN = 0.2
+VIEW_MARGIN = 0.15
 """A place is kept if its score falls so much behind that of the view's best (1: every surface lies on a wall)."""
-MOST_PLACES = 25
+PLACES_OF_A_VIEW = 25
 """So many places of a view are kept."""
-SAME = 0.3
-"""Places nearer to each other than this are one, if their headings are alike, too [m]."""
-SAME_TURN = 0.15
-"""Headings are alike if they differ by less than this [rad]."""
 
 
 class SearchedFloor:
@@ -49,11 +41,11 @@ class SearchedFloor:
         for face, towards in enumerate((to_x, to_y, -to_x, -to_y)):
             is_seen = towards > 0.0
             faces[face, rows[is_seen], cols[is_seen]] = 1
-        self._levels = score_levels(faces, LEVELS)
+        self._levels = score_levels(faces, SEARCH_LEVELS)
         self._first = low * SUBMAP_CELL + (border + 0.5) * SUBMAP_CELL  # place of offset 0 [m]
         self._origin = np.full(2, (border + 0.5) * SUBMAP_CELL)
 
-    def find(self, surfaces: Surfaces) -> list[FloatArray]:
+    def find(self, surfaces: WallPieces) -> list[FloatArray]:
         """The best poses (3,) of a view's surfaces, the best first."""
         stride = max(1, len(surfaces.points) // SEARCH_POINTS)
         points = np.ascontiguousarray(surfaces.points[::stride])
@@ -65,7 +57,7 @@ class SearchedFloor:
         us, vs = turned_cells(points, sides, headings, self._origin, face_width)
         everywhere = self._levels[:0]
         width, height = self._size.tolist()
-        margin = int(SCORE_MARGIN * HIT * len(points))
+        margin = int(VIEW_MARGIN * HIT * len(points))
         nowhere = (0.0, 0.0, 0.0)
         last = (width - 1, height - 1)
         found = search_blocks(self._levels, everywhere, us, vs, 0, last, 0, margin + 1, nowhere)
@@ -73,18 +65,15 @@ class SearchedFloor:
         best = ranked[ranked[:, 3] >= ranked[:1, 3].max(initial=0.0) - margin]
         places = self._first + best[:, :2] * SUBMAP_CELL
         numbers = best[:, 2].astype(np.int64)
-        return distinct(np.column_stack([places, headings[numbers]]), MOST_PLACES)
+        return distinct_poses(np.column_stack([places, headings[numbers]]), PLACES_OF_A_VIEW)
 
 
-def distinct(poses: FloatArray, most: int) -> list[FloatArray]:
+def distinct_poses(poses: FloatArray, most: int) -> list[FloatArray]:
     """Those of some poses (n, 3), the best first, that aren't the same as one before."""
     kept: list[FloatArray] = []
     while len(poses) and len(kept) < most:
-        x, y, heading = poses[0]
         kept.append(poses[0])
-        away = np.hypot(poses[:, 0] - x, poses[:, 1] - y)
-        turns = np.abs(wrap_angle(poses[:, 2] - heading))
-        poses = poses[(away >= SAME) | (turns >= SAME_TURN)]
+        poses = poses[~is_same(poses, poses[0])]
     return kept
 
 

@@ -11,7 +11,9 @@ from slamgym.core.errors import SlamgymError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from slamgym.interop import read_ros_map, read_tum, write_carmen, write_ros_map
 from slamgym.slam import SlamConfig
-from slamgym.slam.localization.logs import continue_map
+from slamgym.slam.merge.continuing import continue_map
+from slamgym.slam.merge.merging import Part
+from slamgym.slam.replay import replay
 
 
 def main(argv):
@@ -32,14 +34,19 @@ def half_known(limit=4.5):
 def continued(log, grid, **settings):
     suited = SlamConfig.for_log(log.geometry.range_max, log.geometry.num_beams)
     config = dataclasses.replace(suited, **{"resolution": grid.frame.resolution, **settings})
-    return continue_map(log, grid, config, np.random.default_rng(0))
+    alone = replay(log, config, np.random.default_rng(0))
+    return continue_map(Part.of_picture("old", grid), alone, "new")
 
 
-@pytest.mark.parametrize("mode", ["pose_graph", "rbpf"])
-def test_the_old_map_stays_where_it_was_and_grows(mode):
+def test_a_mode_without_a_graph_is_refused():
+    with pytest.raises(SlamgymError, match="--mode"):
+        continued(drive(FLAT, WAY[:2])[0], half_known(), mode="dead_reckoning")
+
+
+def test_the_old_map_stays_where_it_was_and_grows():
     log, truth = drive(FLAT, WAY)
     old = half_known()
-    result = continued(log, old, mode=mode, particles=5)
+    result = continued(log, old)
     frame = result.grid.frame
     assert frame.resolution == old.frame.resolution
     shift = (
@@ -61,17 +68,25 @@ def test_the_old_map_stays_where_it_was_and_grows(mode):
 
 
 def test_what_the_log_never_saw_is_copied_cell_by_cell():
-    log, _ = drive(FLAT, [(1, 1), (1.2, 2.3), (2.2, 2.3), (1, 1), (2.2, 2.3)])
+    log, _ = drive(FLAT, WAY)
     old = draw(FLAT, (1, 1))
     result = continued(log, old)
-    far = old.frame.to_cell(6.0, 0.0)[1]
-    rows = old.frame.height_px
-    assert result.grid.frame == pytest.approx(old.frame)
-    assert np.array_equal(result.grid.cells[-rows:, far:], old.cells[:, far:])
+    seen = result.graph.grid()
+    rows, cols = np.indices(old.cells.shape)
+    x, y = old.frame.to_point(rows, cols)
+    # Both lie on one lattice: the corner of the drawn map is at multiples of the cells.
+    own_rows, own_cols = seen.frame.to_cell(x, y)
+    inside = (own_rows >= 0) & (own_cols >= 0)
+    inside &= (own_rows < seen.frame.height_px) & (own_cols < seen.frame.width_px)
+    unseen = np.ones(old.cells.shape, dtype=bool)
+    unseen[inside] = seen.cells[own_rows[inside], own_cols[inside]] == UNKNOWN
+    assert unseen.sum() > 1000
+    now = result.grid.cells[result.grid.frame.to_cell(x, y)]
+    assert np.array_equal(now[unseen], old.cells[unseen])
 
 
 def test_a_wall_that_is_gone_is_cleared_in_the_end():
-    log, _ = drive(FLAT, [(1, 1), (2.2, 2.3), (1, 1), (2.2, 2.3), (1, 1)])
+    log, _ = drive(FLAT, [(1, 1), (2.2, 2.3), (1, 1), (2.2, 2.3), (1, 1), *WAY[1:]])
     old = draw(np.vstack([FLAT, [(1.6, 2.0, 2.0, 1.5), (2.0, 1.5, 2.4, 1.0)]]), (0.5, 0.5))
     result = continued(log, old)
     at = old.frame.to_cell(2.0, 1.5)
@@ -93,7 +108,7 @@ def test_the_command_continues_a_run_and_writes_nothing_where_it_cannot(tmp_path
     for name, records in (("right", log), ("wrong", other)):
         write_carmen(tmp_path / f"{name}.log", records.records, records.geometry)
     arguments = ["--continue", str(tmp_path / "old"), "-o", str(tmp_path / "new")]
-    with pytest.raises(SlamgymError, match="never finds itself"):
+    with pytest.raises(SlamgymError, match="isn't sure to find itself"):
         main([str(tmp_path / "wrong.log"), *arguments])
     assert not (tmp_path / "new").exists()
     assert main([str(tmp_path / "right.log"), *arguments]) == 0

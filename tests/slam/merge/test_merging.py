@@ -127,7 +127,8 @@ def test_what_the_first_picture_knows_stands_cell_by_cell():
     half = grid.cells.copy()
     half[:, 80:] = UNKNOWN
     turned = np.array([0.3, -0.2, 0.5])
-    painted = paint([Picture(OccupancyGrid(half, grid.frame), np.zeros(3)), Picture(grid, turned)])
+    pictures = [Picture(OccupancyGrid(half, grid.frame), np.zeros(3)), Picture(grid, turned)]
+    painted = paint(pictures, grid.frame)
     row, col = painted.frame.to_cell(grid.frame.origin_x + 1e-6, grid.frame.origin_y + 1e-6)
     rows, cols = half.shape
     there = painted.cells[row - rows + 1 : row + 1, col : col + cols]
