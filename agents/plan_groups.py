@@ -14,7 +14,7 @@ from slamgym.envs import ExploreConfig
 from slamgym.sim import ClutterConfig
 
 
-class Group(NamedTuple):
+class BuildingGroup(NamedTuple):
     """Buildings of one kind."""
 
     plans: str
@@ -25,25 +25,29 @@ class Group(NamedTuple):
     """Floor [m2]."""
 
 
-GROUPS = {
-    "homes": Group(""),
-    "furnished": Group("", (FURNISHED,)),
-    "people": Group("", tuple(dataclasses.replace(FURNISHED, people=count) for count in (1, 2))),
-    "generated homes": Group("procedural:home:loops"),
-    "generated offices": Group("procedural:office:loops"),
-    "large homes": Group("", area=(AREA[1], 1500.0)),
-    "large offices": Group("procedural:office:loops", area=(AREA[1], 1500.0)),
+BUILDING_GROUPS = {
+    "homes": BuildingGroup(""),
+    "furnished": BuildingGroup("", (FURNISHED,)),
+    "people": BuildingGroup(
+        "", tuple(dataclasses.replace(FURNISHED, people=count) for count in (1, 2))
+    ),
+    "generated homes": BuildingGroup("procedural:home:loops"),
+    "generated offices": BuildingGroup("procedural:office:loops"),
+    "large homes": BuildingGroup("", area=(AREA[1], 1500.0)),
+    "large offices": BuildingGroup("procedural:office:loops", area=(AREA[1], 1500.0)),
 }
 """No plan is in two groups: of HouseExpo's usual homes, each takes every third."""
 
 
 def plans_of(houseexpo: str, name: str, split: PlanSplit) -> Iterator[FloorPlan]:
     """The plans of a group in a fixed order."""
-    group = GROUPS[name]
+    group = BUILDING_GROUPS[name]
     source = open_plans(group.plans or houseexpo)
     order = shuffled([plan for plan in source.ids if split_of(plan) == split], 77)
     sharing = [
-        other for other, one in GROUPS.items() if (one.plans, one.area) == (group.plans, group.area)
+        other
+        for other, one in BUILDING_GROUPS.items()
+        if (one.plans, one.area) == (group.plans, group.area)
     ]
     for plan_id in order[sharing.index(name) :: len(sharing)]:
         try:

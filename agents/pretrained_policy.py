@@ -15,7 +15,14 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 from slamgym.agents.explorer import BatchedExplorer, FrontierPilot
-from slamgym.agents.scoring import BLOCKS, HEADS, LAYERS, NORMS, WIDTH, FrontierScorer
+from slamgym.agents.scoring import (
+    ATTENTION_BLOCKS,
+    HEADS,
+    LINEAR_LAYERS,
+    NORMS,
+    WIDTH,
+    FrontierScorer,
+)
 from slamgym.core.config import config_hash
 from slamgym.core.documents import load_json
 from slamgym.core.errors import InputFileError
@@ -44,7 +51,7 @@ _SPACE = {
     "global_features": list(GLOBAL_FEATURES),
 }
 """Observations that the weights take in."""
-_NETWORK = {"width": WIDTH, "heads": HEADS, "blocks": BLOCKS}
+_NETWORK = {"width": WIDTH, "heads": HEADS, "blocks": ATTENTION_BLOCKS}
 """Description of the network in files."""
 
 
@@ -243,7 +250,7 @@ def _refuse_other_space(path: Path, theirs: Any, ours: Mapping[str, Any]) -> Non
 def weight_shapes() -> dict[str, tuple[int, ...]]:
     """Names and shapes of the weights of a frontier policy."""
     norms = {f"{name}.{part}": (WIDTH,) for name in NORMS for part in ("weight", "bias")}
-    return {**linear_shapes(LAYERS), **norms}
+    return {**linear_shapes(LINEAR_LAYERS), **norms}
 
 
 def linear_shapes(layers: Mapping[str, tuple[int, int]]) -> dict[str, tuple[int, ...]]:

@@ -18,19 +18,19 @@ WIDTH = 64
 """Units of a token."""
 HEADS = 4
 """Heads of an attention."""
-BLOCKS = 2
+ATTENTION_BLOCKS = 2
 """Attentions, each followed by a perceptron."""
-NEARNESS = 0.3
+NEARNESS_LENGTH = 0.3
 """The nearness of two tokens falls to a third over such a length [10 m]."""
 _INPUTS = len(CANDIDATE_FEATURES)
 _OVERALL = len(GLOBAL_FEATURES)
-LAYERS: dict[str, tuple[int, int]] = {
+LINEAR_LAYERS: dict[str, tuple[int, int]] = {
     "frontier": (_INPUTS + _OVERALL, WIDTH),
     "robot": (_OVERALL, WIDTH),
-    "length_bias": (3, BLOCKS * HEADS),
+    "length_bias": (3, ATTENTION_BLOCKS * HEADS),
     **{
         f"blocks.{block}.{name}": size
-        for block in range(BLOCKS)
+        for block in range(ATTENTION_BLOCKS)
         for name, size in {
             "query_key_value": (WIDTH, 3 * WIDTH),
             "attended": (WIDTH, WIDTH),
@@ -44,13 +44,17 @@ LAYERS: dict[str, tuple[int, int]] = {
 }
 """Inputs and outputs of the linear layers."""
 NORMS = (
-    *(f"blocks.{block}.{name}" for block in range(BLOCKS) for name in ("before", "between")),
+    *(
+        f"blocks.{block}.{name}"
+        for block in range(ATTENTION_BLOCKS)
+        for name in ("before", "between")
+    ),
     "after",
 )
 """Normalisations of tokens."""
 
 
-class Decision(NamedTuple):
+class FrontierScores(NamedTuple):
     """What the network says of a decision."""
 
     scores: Float32Array  # of the frontiers, shape (N,); the highest is the best
@@ -70,7 +74,7 @@ class FrontierScorer:
             name: np.ascontiguousarray(value.T, np.float32) for name, value in weights.items()
         }
 
-    def decide(self, observation: Mapping[str, Any]) -> Decision:
+    def decide(self, observation: Mapping[str, Any]) -> FrontierScores:
         """Scores of the N frontiers that the mask shows, and log-odds of *done*.
 
         Args:
@@ -85,7 +89,7 @@ class FrontierScorer:
         bias = self._linear(
             "length_bias", length_figures(observation["lengths"][: count + 1, : count + 1])
         )
-        for block in range(BLOCKS):
+        for block in range(ATTENTION_BLOCKS):
             name = f"blocks.{block}"
             heads = bias[:, :, HEADS * block : HEADS * (block + 1)]
             tokens = tokens + self._attend(name, self._normalise(f"{name}.before", tokens), heads)
@@ -93,7 +97,7 @@ class FrontierScorer:
             tokens = tokens + self._linear(f"{name}.narrow", wide)
         tokens = self._normalise("after", tokens)
         scores = self._linear("score", tokens[1:]) + self._linear("direct", features)
-        return Decision(scores[:, 0], float(self._linear("done", tokens[:1])[0, 0]))
+        return FrontierScores(scores[:, 0], float(self._linear("done", tokens[:1])[0, 0]))
 
     def _linear(self, name: str, values: Float32Array) -> Float32Array:
         weight = self._weights[f"{name}.weight"]
@@ -125,7 +129,7 @@ class FrontierScorer:
 
 def length_figures(lengths: Float32Array) -> Float32Array:
     """What a bias is made of: length, nearness, and whether no path leads there; shape (N, N, 3)."""
-    nearness = exp(-lengths / np.float32(NEARNESS))
+    nearness = exp(-lengths / np.float32(NEARNESS_LENGTH))
     is_apart = (lengths >= LIMIT).astype(np.float32)
     return np.stack([lengths, nearness, is_apart], axis=-1).astype(np.float32)
 

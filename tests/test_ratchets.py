@@ -23,7 +23,7 @@ from source_tree import NO_ROOM, ROOT, modules, room_of, tree_of
 MAX_LINES = 400
 MAX_PARAMETERS = 8
 MAX_ATTRIBUTES = 15
-MAX_WORDS = 33_600
+MAX_WORDS = 34_900
 """Words of the documentation in all: README, CONTRIBUTING and docs/, without comments and tables of results; the
 changelog is not counted."""
 COMMENTS = re.compile(
@@ -35,27 +35,27 @@ SLACK = 0.05
 """So much more than it had a package may have."""
 
 TOKENS: dict[str, int] = {
-    "agents": 27649,
+    "agents": 34850,
     "cad": 26490,
     "commands": 27183,
     "core": 19333,
     "dataset": 29248,
-    "drawing": 41430,
-    "envs": 33219,
+    "drawing": 45410,
+    "envs": 35550,
     "gan": 28346,
     "interop": 18879,
     "metrics": 15192,
     "parametric": 13765,
     "planning": 25349,
-    "ros2": 18685,
+    "ros2": 19980,
     "sim": 26864,
-    "slam": 47500,
+    "slam": 55530,
     "slamgym": 121,
     "viz": 10638,
 }
 """Tokens of code of each package."""
 SETTINGS: dict[str, int] = {
-    "agents": 42,
+    "agents": 58,
     "cad": 3,
     "dataset": 19,
     "drawing": 2,
@@ -76,7 +76,10 @@ MORE_ATTRIBUTES: dict[str, int] = {
     "slamgym.dataset.record.PairRecord": 28,
     "slamgym.envs.batch.arrays.Robots": 18,
     "slamgym.envs.batch.arrays.Scenes": 20,
+    "slamgym.envs.explore_frontiers_env.ExploreFrontiersEnv": 18,
     "slamgym.envs.records.StepRecord": 28,
+    "slamgym.envs.rewards.RewardConfig": 16,
+    "slamgym.planning.exploration_loop.ExplorationLoop": 16,
     "slamgym.ros2.mapping.MapNode": 16,
     "slamgym.sim.lidar.LidarConfig": 16,
     "slamgym.slam.config.SlamConfig": 22,

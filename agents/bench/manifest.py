@@ -47,7 +47,7 @@ _FURNITURE_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True)
-class Building:
+class TrackBuilding:
     """One exploration of a track."""
 
     plan: str
@@ -71,7 +71,7 @@ class Track:
     shipped: bool
     """True if the plans come with the package; else they are HouseExpo's."""
     clutter: ClutterConfig
-    buildings: tuple[Building, ...]
+    buildings: tuple[TrackBuilding, ...]
 
     @property
     def trial(self) -> TrialConfig:
@@ -179,7 +179,7 @@ def bench_tasks(track: Track, source: PlanSource, explorer: str) -> list[Task]:
     return tasks
 
 
-def _refuse_other_furniture(plan: FloorPlan, building: Building, track: Track) -> None:
+def _refuse_other_furniture(plan: FloorPlan, building: TrackBuilding, track: Track) -> None:
     """Refuse to explore a plan that this version furnishes differently.
 
     Raises:

@@ -28,11 +28,11 @@ from slamgym.planning.exploration_loop import ExplorationLoop
 from slamgym.planning.view_history import ViewHistory
 from slamgym.sim import ClutterConfig
 
-REACH = 0.25
+FLOOR_REACH = 0.25
 """Floor so near to a frontier's cells lies at it [m]."""
-LONGEST = 4000.0
+LONGEST_EXPLORATION = 4000.0
 """Explorations are logged up to here [s]."""
-MOST = 2500
+MOST_LEARNED = 2500
 """So many frontiers of an exploration are learned from."""
 LARGE = (150.0, 1600.0)
 """Areas of large buildings [m2]: generated offices with loops, and homes."""
@@ -105,7 +105,7 @@ def log_exploration(plan: FloorPlan, rng: np.random.Generator) -> dict[str, Any]
     at_random = rng.choice(AT_RANDOM) * min(1.0, 100.0 / plan.area)
     found: list[tuple[Any, ...]] = []
     truncated = False
-    while not (truncated or loop.finished or loop.time > LONGEST):
+    while not (truncated or loop.finished or loop.time > LONGEST_EXPLORATION):
         is_due = loop.observe(observation)
         views.note(loop.pose, observation["scan"])
         while is_due:
@@ -125,7 +125,7 @@ def log_exploration(plan: FloorPlan, rng: np.random.Generator) -> dict[str, Any]
             is_due = not loop.choose(index) and bool(loop.candidates)
         observation, _, _, truncated, _ = env.step(context.to_action(loop.command()))
     figures, areas = (np.concatenate(part) for part in zip(*found, strict=True))
-    kept = np.sort(rng.permutation(len(areas))[:MOST])
+    kept = np.sort(rng.permutation(len(areas))[:MOST_LEARNED])
     return {"figures": figures[kept], "areas": areas[kept]}
 
 
@@ -149,7 +149,7 @@ def hidden_areas(env: ExploreEnv, loop: ExplorationLoop) -> FloatArray:
     assert costmap is not None
     labels = np.full(floor.shape, -1)
     seeds = []
-    reach = round(REACH / CELL)
+    reach = round(FLOOR_REACH / CELL)
     around = [
         (r, c)
         for r in range(-reach, reach + 1)

@@ -20,7 +20,7 @@ from torch import nn
 
 from slamgym import __version__
 from slamgym.agents.hidden_floor import AREAS, DESCRIPTION, FLOOR_LAYERS
-from slamgym.agents.plan_groups import GROUPS, plans_of
+from slamgym.agents.plan_groups import BUILDING_GROUPS, plans_of
 from slamgym.agents.pretrained_policy import write_weights
 from slamgym.agents.rl.frontier_log import logged
 from slamgym.agents.rl.train_config import HiddenFloorConfig
@@ -129,7 +129,7 @@ def is_kept_often_enough(path: Path, risk: float, config: HiddenFloorConfig, out
     known = {(row["group"], row["plan"]): row for row in rows}
     broken = 0
     for name in KINDS:
-        clutter = GROUPS[name].clutter
+        clutter = BUILDING_GROUPS[name].clutter
         plans = plans_of(config.plans, name, "validation")
         for number, plan in enumerate(itertools.islice(plans, config.calibrated_on)):
             row = known.get((name, plan.id))

@@ -14,7 +14,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import Tensor, nn
 from torch.nn.functional import scaled_dot_product_attention
 
-from slamgym.agents.scoring import BLOCKS, HEADS, LAYERS, NEARNESS, WIDTH
+from slamgym.agents.scoring import ATTENTION_BLOCKS, HEADS, LINEAR_LAYERS, NEARNESS_LENGTH, WIDTH
 from slamgym.envs.frontier_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, LIMIT
 
 MASKED = -1e8
@@ -27,7 +27,7 @@ _CRITIC_UNITS = 128
 
 
 def _linear(name: str) -> nn.Linear:
-    return nn.Linear(*LAYERS[name])
+    return nn.Linear(*LINEAR_LAYERS[name])
 
 
 class AttentionBlock(nn.Module):
@@ -62,7 +62,7 @@ class FrontierNetwork(nn.Module):
         self.frontier = _linear("frontier")
         self.robot = _linear("robot")
         self.length_bias = _linear("length_bias")
-        self.blocks = nn.ModuleList(AttentionBlock(f"blocks.{i}") for i in range(BLOCKS))
+        self.blocks = nn.ModuleList(AttentionBlock(f"blocks.{i}") for i in range(ATTENTION_BLOCKS))
         self.after = nn.LayerNorm(WIDTH)
         self.score = _linear("score")
         self.direct = _linear("direct")
@@ -99,7 +99,7 @@ class FrontierNetwork(nn.Module):
     def _bias(self, lengths: Tensor, mask: Tensor) -> Tensor:
         """Bias of the attentions' logits, shape (B, blocks * heads, N + 1, N + 1)."""
         is_apart = (lengths >= LIMIT).float()
-        figures = torch.stack([lengths, torch.exp(-lengths / NEARNESS), is_apart], dim=-1)
+        figures = torch.stack([lengths, torch.exp(-lengths / NEARNESS_LENGTH), is_apart], dim=-1)
         bias = self.length_bias(figures).permute(0, 3, 1, 2)
         there = nn.functional.pad(mask, (1, 0), value=True)
         return bias.masked_fill(~there[:, None, None], MASKED)

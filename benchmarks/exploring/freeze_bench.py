@@ -26,8 +26,8 @@ from slamgym.agents.bench.manifest import (
     BENCH_VERSION,
     MANIFEST,
     SHIPPED_PLANS,
-    Building,
     Track,
+    TrackBuilding,
     furniture_of,
     outline_hash,
 )
@@ -214,7 +214,7 @@ def freeze(track: Track, plans: Sequence[FloorPlan]) -> Track:
         env = ExploreEnv(plan, fitted_env(plan, track.trial.env, "auto"))
         env.reset(seed=seed, options={"plan": plan})
         x, y, theta = env.start
-        building = Building(
+        building = TrackBuilding(
             plan_id, outline_hash(plan), seed, (round(x, 3), round(y, 3), round(theta, 4))
         )
         env.reset(

@@ -16,7 +16,7 @@ import numpy as np
 import tyro
 from safetensors.numpy import save_file
 
-from slamgym.agents.plan_groups import GROUPS, plans_of
+from slamgym.agents.plan_groups import BUILDING_GROUPS, plans_of
 from slamgym.agents.plan_splits import PlanSplit
 from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan
@@ -62,7 +62,7 @@ class Arguments:
 
 def main() -> None:
     arguments = tyro.cli(Arguments)
-    found = {name: explore_group(arguments, name) for name in GROUPS}
+    found = {name: explore_group(arguments, name) for name in BUILDING_GROUPS}
     explored = [one for group in found.values() for one in group]
     rows = [
         {"group": name, **figures(group)} for name, group in (found | {"all": explored}).items()
@@ -78,7 +78,7 @@ def main() -> None:
 
 def explore_group(arguments: Arguments, name: str) -> list[Exploration]:
     """Explore plans of a group by several explorers in turn."""
-    clutter = GROUPS[name].clutter
+    clutter = BUILDING_GROUPS[name].clutter
     plans = plans_of(arguments.plans, name, arguments.split)
     return [
         explore(plan, clutter[number % len(clutter)], EXPLORERS[number % len(EXPLORERS)])

@@ -182,7 +182,9 @@ def by_node(log: Log) -> Said:
         run = MapRun(parameters, lambda config: config, None, RobotFrames(parameters, warn), warn)
         gate: StampGate[LogRecord] = StampGate("scan", warn)
         for one in log:
-            for stamp, record in gate.take(one.stamp, one):
+            for usable in gate.take(one.stamp, one):
+                stamp = usable.stamp
+                record = usable.item
                 try:
                     run.add(message_of(record), stamp, record.odometry)
                 except BrokenMessageError:

@@ -92,7 +92,7 @@ def _split(piece: WallPiece, seen: BoolArray) -> list[WallPiece]:
     """Split a wall into pieces that were seen or not, none shorter than :data:`SHORTEST_CHANGE`."""
     step = piece.length / len(seen)
     runs = _long_runs(seen, math.ceil(SHORTEST_CHANGE / step))
-    return [part_of(piece, low / len(seen), high / len(seen)) for low, high in runs]
+    return [piece_between(piece, low / len(seen), high / len(seen)) for low, high in runs]
 
 
 def _long_runs(seen: BoolArray, least: int) -> list[tuple[int, int]]:
@@ -112,7 +112,7 @@ def _long_runs(seen: BoolArray, least: int) -> list[tuple[int, int]]:
     return runs
 
 
-def part_of(piece: WallPiece, low: float, high: float) -> WallPiece:
+def piece_between(piece: WallPiece, low: float, high: float) -> WallPiece:
     """The piece of a wall between two shares of its length."""
     along = piece.end - piece.start
     return replace(

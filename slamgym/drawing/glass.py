@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 from shapely import LineString
 
-from slamgym.drawing.confidence import part_of
+from slamgym.drawing.confidence import piece_between
 from slamgym.drawing.drawing import DrawnWall
 from slamgym.drawing.edits import Corrections
 from slamgym.drawing.settings import NARROWEST_CUT
@@ -30,7 +30,7 @@ def cut_at_glass(pieces: Sequence[WallPiece], corrections: Corrections) -> list[
             shares = ((line - piece.start) / (piece.end - piece.start)).real
             least = NARROWEST_CUT / piece.length
             marks |= {share for share in shares.tolist() if least < share < 1.0 - least}
-        cut += [part_of(piece, low, high) for low, high in itertools.pairwise(sorted(marks))]
+        cut += [piece_between(piece, low, high) for low, high in itertools.pairwise(sorted(marks))]
     return cut
 
 

@@ -16,7 +16,7 @@ from slamgym.envs.batch.robot import before
 from slamgym.envs.config import MAP_UPDATE_INTERVAL, ExploreConfig, resolve_config
 from slamgym.envs.coverage import Coverage
 from slamgym.envs.observations import observation_space
-from slamgym.envs.path_drive import put
+from slamgym.envs.path_drive import put_robot
 from slamgym.envs.plan_cache import PlanCache, PlansArgument, ResetOptions
 from slamgym.envs.rewards import Reward, RewardTerms
 from slamgym.envs.simulation import Actions, EpisodeLog, Simulation
@@ -240,7 +240,7 @@ class ExploreEnv(gym.Env[Any, Any]):
     def place(self, pose: Pose2D, length: float, steps: int) -> tuple[Any, StepOutcome]:
         """Step to where so many control steps have brought the robot, without physics; see :func:`path_drive.put`."""
         _ = self.simulation  # raises before the first reset
-        put(self._explorations.fleet, pose, length, steps)
+        put_robot(self._explorations.fleet, pose, length, steps)
         self._latest = outcome = self._explorations.look(np.zeros((1, 2)))
         is_published = bool(self._explorations.is_published[0])
         return self._explorations.observer.observe_one(0, is_published), outcome

@@ -111,7 +111,7 @@ def along_path(path: FloatArray, pose: Pose2D, seconds: float, limits: Limits) -
     return Stride(Pose2D(x, y, math.remainder(theta, 2.0 * math.pi)), length)
 
 
-def put(fleet: Fleet, pose: Pose2D, length: float, steps: int) -> None:
+def put_robot(fleet: Fleet, pose: Pose2D, length: float, steps: int) -> None:
     """Put a single robot where so many control steps have brought it.
 
     Args:

@@ -250,13 +250,13 @@ class World:
         """Where the robot stands; its heading goes on growing in turns."""
         return Pose2D(*self.state[: motion.LINEAR].tolist())
 
-    def wish(self, target: Twist2D, span: float) -> "Wish":
+    def wish(self, target: Twist2D, span: float) -> "WishedMotion":
         """What the drive would do for a short time towards a velocity."""
         drive = motion.wished(self.state, target.linear, target.angular, self._limits, span)
         dx, dy, _, _, turning, _, _ = drive
-        return Wish(drive, (dx / span, dy / span, turning))
+        return WishedMotion(drive, (dx / span, dy / span, turning))
 
-    def settle(self, wish: "Wish", solved: Solved, span: float) -> bool:
+    def settle(self, wish: "WishedMotion", solved: Solved, span: float) -> bool:
         """Do for a short time what contact leaves of a wish; whether that is something else."""
         contact, linear, angular = motion.settle(
             self.state,
@@ -272,7 +272,7 @@ class World:
         return bool(contact)
 
 
-class Wish(NamedTuple):
+class WishedMotion(NamedTuple):
     """What a drive would do if nothing were in the way."""
 
     drive: tuple[float, float, float, float, float, float, float]

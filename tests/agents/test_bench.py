@@ -14,9 +14,9 @@ from slamgym.agents.bench.leaderboard import leaderboard_page, rank
 from slamgym.agents.bench.manifest import (
     MANIFEST,
     QUICK,
-    Building,
     Manifest,
     Track,
+    TrackBuilding,
     bench_tasks,
     furniture_of,
     open_bench_plans,
@@ -64,7 +64,9 @@ def room(number):
 def rooms(count=3):
     """A small benchmark and its plans."""
     plans = [room(number) for number in range(count)]
-    buildings = tuple(Building(plan.id, outline_hash(plan), 7, (1.0, 1.5, 0.0)) for plan in plans)
+    buildings = tuple(
+        TrackBuilding(plan.id, outline_hash(plan), 7, (1.0, 1.5, 0.0)) for plan in plans
+    )
     track = Track("homes", "rooms", False, ClutterConfig(), buildings)
     return Manifest(1, (track,), "5" * 64), listed_plans(plans)
 
@@ -93,7 +95,7 @@ def result(entry="ours", seconds=100.0, failures=0, count=40, settings="s", **ch
 
 
 def manifest_of(one):
-    buildings = tuple(Building(row.plan, "", row.seed, (0.0, 0.0, 0.0)) for row in one.rows)
+    buildings = tuple(TrackBuilding(row.plan, "", row.seed, (0.0, 0.0, 0.0)) for row in one.rows)
     return Manifest(
         1, (Track("homes", "made up", False, ClutterConfig(), buildings),), one.manifest
     )
@@ -191,7 +193,7 @@ def test_a_missing_copy_of_houseexpo_is_said_before_any_work(tmp_path):
 def test_other_furniture_is_refused():
     plan = generate_plan(0, PlanGeneratorConfig(kind="home"))
     track = Track("furnished", "x", False, ClutterConfig(furniture=1.0), ())
-    building = Building(plan.id, outline_hash(plan), 3, (1.0, 1.0, 0.0))
+    building = TrackBuilding(plan.id, outline_hash(plan), 3, (1.0, 1.0, 0.0))
     faces, length = furniture_of(plan, 3, track)
     assert faces > 20
     for known, is_same in (((faces, length), True), ((faces + 4, length + 2.0), False)):

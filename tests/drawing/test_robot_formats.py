@@ -17,7 +17,7 @@ from slamgym.cad import open_plans
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.core.types import FREE, OCCUPIED
 from slamgym.drawing import make_drawing, write_drawing
-from slamgym.drawing.formats.route_graph import RADIUS, drivable
+from slamgym.drawing.formats.route_graph import ROUTE_RADIUS, drivable
 from slamgym.drawing.settings import ROBOT_FORMATS
 from slamgym.interop import read_ros_map
 
@@ -84,7 +84,7 @@ def grid_lengths(drawing, points):
     free = drawing.grid.cells == FREE
     distance = cv2.distanceTransform(free.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     numbers = np.arange(free.size).reshape(free.shape)
-    can_stand = distance * frame.resolution >= RADIUS
+    can_stand = distance * frame.resolution >= ROUTE_RADIUS
     height, width = free.shape
     starts, ends, steps = [], [], []
     for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):

@@ -11,7 +11,7 @@ from slamgym.drawing.drawing import Drawing
 
 HEIGHT = 2.5
 """Of the walls [m]; a map says nothing of it."""
-DEPTH = 0.2
+OUTER_WALL = 0.2
 """Round the floor all is wall so far [m]: the walls between two rooms are whole, those to the outside so thick."""
 SYSTEMS = {
     "gz-sim-physics-system": "gz::sim::systems::Physics",
@@ -58,7 +58,7 @@ def format_world(drawing: Drawing) -> str:
 
 def wall_bodies(drawing: Drawing) -> list[Polygon]:
     """All that is wall round the floor, in pieces without holes: Gazebo's extrusions have outlines alone."""
-    around = drawing.floor.buffer(DEPTH, join_style="mitre")
+    around = drawing.floor.buffer(OUTER_WALL, join_style="mitre")
     bodies = []
     pending = polygon_parts(around.difference(drawing.floor))
     while pending:

@@ -27,7 +27,7 @@ SLAB = 0.2
 """Thickness of a slab, usual in homes [m]."""
 TYPE_STEP = 0.05
 """Thicknesses of wall types are whole multiples of this [m]: a map of 5 cm cells knows no finer ones."""
-GLASS = "glass"
+GLASS_MATERIAL = "glass"
 """Name of the material of walls of glass, and of their style."""
 MEET = 0.05
 """Bodies of walls that meet are no farther apart [m]."""
@@ -113,7 +113,7 @@ class _Builder:
         Those of glass have types of their own, whose material is called so.
         """
         if any(wall.is_glass for wall in walls):
-            self.styles[GLASS] = self._style(GLASS, (0.6, 0.85, 0.95), 0.7)
+            self.styles[GLASS_MATERIAL] = self._style(GLASS_MATERIAL, (0.6, 0.85, 0.95), 0.7)
         bodies = []
         types: dict[tuple[str, int], list[Any]] = {}
         for number, wall in enumerate(walls, 1):
@@ -127,12 +127,12 @@ class _Builder:
             }
             base = _local(wall.polygon, matrix)
             name = f"W{number:03d}"
-            look = GLASS if wall.is_glass else "IfcWall"
+            look = GLASS_MATERIAL if wall.is_glass else "IfcWall"
             body = self._solid("IfcWall", name, matrix, base, WALL_HEIGHT, evidence, look)
             bodies.append(body)
             self._add_axis(body, wall.length)
             centimetres = round(100.0 * TYPE_STEP) * max(round(wall.thickness / TYPE_STEP), 1)
-            made_of = GLASS if wall.is_glass else "unknown"
+            made_of = GLASS_MATERIAL if wall.is_glass else "unknown"
             types.setdefault((made_of, centimetres), []).append(body)
             common = self.run("pset.add_pset", product=body, name="Pset_WallCommon")
             facts = {
@@ -294,7 +294,7 @@ class _Builder:
 
 def _type_name(made_of: str, centimetres: int) -> str:
     """What a type of walls is called."""
-    return f"{'Glass wall' if made_of == GLASS else 'Wall'} {centimetres} cm"
+    return f"{'Glass wall' if made_of == GLASS_MATERIAL else 'Wall'} {centimetres} cm"
 
 
 def _runs_through(wall: DrawnWall, door: DrawnDoor) -> tuple[float, float]:

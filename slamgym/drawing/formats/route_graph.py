@@ -11,17 +11,17 @@ import numpy as np
 import shapely
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
-from shapely import MultiPolygon, Polygon
+from shapely import MultiPolygon
 
 from slamgym.cad.polygons import polygon_parts
 from slamgym.core.types import FloatArray, IntArray
 from slamgym.drawing.drawing import Drawing
 
-RADIUS = 0.25
+ROUTE_RADIUS = 0.25
 """Ways keep so far from what stands [m]: the 0.22 m of a robot in Nav2's own parameters, and half a cell."""
 DETAIL = 0.05
 """Outlines of the free floor are simplified so far [m], a cell of the map."""
-LONGEST = 12.0
+LONGEST_WAY = 12.0
 """Corners farther apart aren't joined straight [m]: a longer way may have one corner more."""
 
 
@@ -34,7 +34,7 @@ class RouteGraph(NamedTuple):
 
 
 def route_graph(drawing: Drawing) -> RouteGraph:
-    """Lay ways between all rooms between which the map lets a robot of :data:`RADIUS` pass.
+    """Lay ways between all rooms between which the map lets a robot of :data:`ROUTE_RADIUS` pass.
 
     A room's place is where it is widest; rooms too narrow for the robot have none.
     """
@@ -46,12 +46,13 @@ def route_graph(drawing: Drawing) -> RouteGraph:
     graph = csr_array((lengths, (seen[:, 0], seen[:, 1])), shape=(len(points), len(points)))
     used: set[tuple[int, int]] = set()
     for start in range(len(names)):
-        before = dijkstra(graph, directed=False, indices=start, return_predecessors=True)[1]
+        _, before = dijkstra(graph, directed=False, indices=[start], return_predecessors=True)
         for end in range(start + 1, len(names)):
             place = end
-            while before[place] >= 0:
-                used.add((min(place, before[place]), max(place, before[place])))
-                place = before[place]
+            while before[0, place] >= 0:
+                via = int(before[0, place])
+                used.add((min(place, via), max(place, via)))
+                place = via
     ways = np.array(sorted(used), dtype=np.int64).reshape(-1, 2)
     kept = np.union1d(np.arange(len(names)), ways)
     return RouteGraph(points[kept], tuple(names), np.searchsorted(kept, ways))
@@ -61,7 +62,7 @@ def drivable(drawing: Drawing) -> MultiPolygon:
     """Where the robot's centre may be: seen floor without what the map shows standing on it, less the radius."""
     closed = shapely.union_all([*drawing.echoes, *drawing.inferred_floor])
     floor = drawing.floor.difference(closed)
-    return MultiPolygon(polygon_parts(floor.simplify(DETAIL).buffer(-RADIUS, quad_segs=2)))
+    return MultiPolygon(polygon_parts(floor.simplify(DETAIL).buffer(-ROUTE_RADIUS, quad_segs=2)))
 
 
 def _places(drawing: Drawing, free: MultiPolygon) -> tuple[list[str], list[tuple[float, float]]]:
@@ -74,7 +75,8 @@ def _places(drawing: Drawing, free: MultiPolygon) -> tuple[list[str], list[tuple
             radii = [shapely.maximum_inscribed_circle(part, tolerance=DETAIL) for part in parts]
             widest = max(radii, key=lambda radius: float(radius.length))
             names.append(room.name)
-            places.append(widest.coords[0])
+            x, y = widest.coords[0]
+            places.append((x, y))
     return names, places
 
 
@@ -82,8 +84,7 @@ def _corners(free: MultiPolygon) -> list[tuple[float, float]]:
     """Corners of the free floor round which a way may turn: those that point into it."""
     corners: list[tuple[float, float]] = []
     for part in free.geoms:
-        outline = Polygon(part).normalize()
-        for number, ring in enumerate((outline.exterior, *outline.interiors)):
+        for number, ring in enumerate((part.exterior, *part.interiors)):
             line = np.array(ring.coords[:-1])
             if not ring.is_ccw:
                 line = line[::-1]
@@ -91,14 +92,14 @@ def _corners(free: MultiPolygon) -> list[tuple[float, float]]:
             after = np.roll(line, -1, axis=0) - line
             turn = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
             inward = turn < 0.0 if number == 0 else turn > 0.0
-            corners += map(tuple, line[inward].tolist())
+            corners += [(x, y) for x, y in line[inward].tolist()]
     return corners
 
 
 def _visible_pairs(points: FloatArray, free: MultiPolygon) -> IntArray:
     """Pairs of places (M, 2), smaller first, whose straight line lies on the free floor."""
     first, second = np.triu_indices(len(points), 1)
-    near = np.linalg.norm(points[first] - points[second], axis=1) <= LONGEST
+    near = np.linalg.norm(points[first] - points[second], axis=1) <= LONGEST_WAY
     first, second = first[near], second[near]
     lines = shapely.linestrings(np.stack([points[first], points[second]], axis=1))
     room = free.buffer(1e-3)  # a line along a wall is on the floor, whatever the last digit is

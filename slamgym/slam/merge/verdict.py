@@ -33,8 +33,8 @@ class Odds(NamedTuple):
 UNKNOWN_BUILDINGS = Odds(agreed=0.16, contradicted=3.4, sure=4.0, margin=3.0)
 """Nothing is known of two maps: they may be of storeys of the same rooms. Of the walls that both saw, 0.5 % contradict
 in 9 simulated pairs of drives through one building, and 20 % at the best places of 36 pairs of mirror images, storeys
-of the same rooms with other doors, and different buildings. The right ones have 5.0 nats and more, other places and
-other buildings 2.4 and less. Chosen on these 11 buildings."""
+of the same rooms with other doors, and different buildings. Five right ones that were measured
+with these weights have 5.0 nats and more, other places and other buildings 2.4 and less. Chosen on these buildings."""
 SAME_BUILDING = Odds(agreed=0.16, contradicted=0.25, sure=4.0, margin=3.0)
 """Someone says that both are of one building: furniture may have been moved, but the other map needn't reach here. With
 all furniture moved, 111 and 182 m of wall agree in two homes and 27 and 26 m contradict, more than between storeys."""
