@@ -20,6 +20,7 @@ ACTING = ("agents", "core", "envs", "planning", "sim", "slam")
 APART = {
     "slamgym.agents.rl": "training, in torch",
     "slamgym.core.intervals": "statistics of finished runs",
+    "slamgym.slam.merge": "where finished maps lie on each other",
     "slamgym.slam.localization": "where a robot is on a finished map",
 }
 """Modules of these packages that are not on the way from a seed to an exploration, and why."""

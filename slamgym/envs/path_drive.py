@@ -8,8 +8,6 @@ that the map knows, and scans there.
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from slamgym.core.geometry import between
 from slamgym.core.types import FloatArray, Pose2D
 from slamgym.envs.batch.fleet import Fleet
@@ -85,8 +83,10 @@ def along_path(path: FloatArray, pose: Pose2D, seconds: float, limits: Limits) -
     left = seconds
     length = 0.0
     points = path.tolist()
-    if len(points) > 1 and np.dot(path[0] - (x, y), path[1] - path[0]) <= 0.0:
-        del points[0]  # the robot has passed it
+    if len(points) > 1:
+        (ax, ay), (bx, by) = points[:2]
+        if (ax - x) * (bx - ax) + (ay - y) * (by - ay) <= 0.0:
+            del points[0]  # the robot has passed it
     for px, py in points:
         apart = math.hypot(px - x, py - y)
         if apart < 1e-6:

@@ -105,7 +105,7 @@ def test_an_exploration_between_panes_of_glass_ends(make_world, name):
     world.glass[60:70, 60] = world.glass[70:94, 130] = True
     world.place(75, 90, 2.0)
     explorer = make_explorer(name, world.context)
-    explore(world, explorer, 320.0)
+    explore(world, explorer, 400.0)  # a way round a pane that gets shorter is progress
     assert explorer.finished
     assert share_seen(world, np.s_[51:100, 61:130]) > 0.97
 

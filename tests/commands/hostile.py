@@ -75,7 +75,7 @@ RUNS = {
                             "--set", "evaluate_every=0", "-o", "{out}/run"],
     "agents shape": ["agents", "shape", "--presets", "careful", "--seeds", "1", "--test-plans", "1", "--set",
                      "train.plan_count=1", "train.steps=4", "train.num_envs=1", "evaluate_seconds=2",
-                     'train.learner.hyperparameters={"n_steps": 4, "batch_size": 4}', "-o", "{out}/run"],
+                     'train.learner.hyperparameters={{"n_steps": 4, "batch_size": 4}}', "-o", "{out}/run"],
     "gan train": ["gan", "train", "{images}", "-o", "{out}/run", "--preset", "model32-cpu", "--epochs", "1",
                   "--batch-size", "2", "--device", "cpu", "--set", "translator.input_size=32",
                   "translator.generator.width=2", "discriminator.width=8", "discriminator.patch_width=8"],

@@ -55,6 +55,8 @@ PLANS = {
 }  # fmt: skip
 ELSEWHERE = {
     "dataset merge": "test_a_merge_takes_no_links_and_no_false_records",
+    "merge": "names its files itself; tests/commands/test_merge_command.py",
+    "agents train hidden-floor": "names its files itself; tests/agents/test_hidden_floor_training.py",
     "cad compare": "names its files itself; tests/commands/test_cad_compare_command.py",
     "cad draw": "names its files by the stems of the maps' own; tests/commands/test_cad_command.py",
     "agents record": "its id names the folder; tests/commands/test_record_command.py",

@@ -82,5 +82,7 @@ def test_what_cannot_be_seen_is_written_out():
 
 def test_cad_without_torch_names_the_way_without_a_network(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(frame, "is_installed", lambda package: package != "torch")
-    assert cli.main(["cad", "map.yaml", "-o", str(tmp_path)]) == 2
+    picture = tmp_path / "map.png"
+    cv2.imwrite(str(picture), np.full((80, 80), 255, np.uint8))
+    assert cli.main(["cad", str(picture), "--resolution", "0.05", "-o", str(tmp_path / "out")]) == 2
     assert re.search(r"'torch'.*slamgym\[gan\].*--model none", capsys.readouterr().err)

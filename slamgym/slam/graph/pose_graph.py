@@ -219,7 +219,7 @@ class PoseGraph:
     def corrected_edges(self) -> Edges:
         """The edges without the wheels' systematic errors."""
         edges = self._edges()
-        measured = edges.measured + edges.design @ self.wheels.systematic
+        measured = edges.measured + (edges.design * self.wheels.systematic).sum(axis=-1)
         return edges._replace(measured=measured, design=np.zeros_like(edges.information))
 
     def _edges(self) -> Edges:
