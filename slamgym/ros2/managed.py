@@ -30,6 +30,11 @@ class ManagedNode(LifecycleNodeMixin, RosNode):
         else:
             self.get_logger().info("waiting to be configured and activated")
 
+    def destroy_node(self) -> None:
+        """End the node; its states, which rclpy keeps, would hold its place on the network."""
+        super().destroy_node()
+        self._state_machine.destroy_when_not_in_use()
+
     def wake(self) -> None:
         """Begin, or go on."""
 
