@@ -97,7 +97,7 @@ def describe_frontiers(
     """The :data:`FRONTIER_FIGURES` of some frontiers of an exploration with a map, shape (N, figures)."""
     costmap = loop.navigator.costmap
     assert costmap is not None
-    _, cell, regions = unknown_regions(costmap, [one.cells for one in frontiers])
+    cell, regions = unknown_regions(costmap, [one.cells for one in frontiers])
     places = [costmap.frame.to_points(one.cells[:, 0], one.cells[:, 1]) for one in frontiers]
     outward = np.array([outward_of(costmap, one) for one in frontiers])
     beams = views.figures(places, outward).tolist()

@@ -39,7 +39,7 @@ from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
 from slamgym.envs.far_look import write_far
 from slamgym.planning import ExplorerContext, Goal, Navigator, find_frontiers
 from slamgym.planning.costmap import unmapped_points
-from slamgym.planning.frontier_feature_kernels import cut_frontier_crop
+from slamgym.planning.frontier_feature_kernels import explore_unknown_region
 from slamgym.planning.open_tour import lengths_by_first, open_tour, short_paths
 from slamgym.planning.view_history import ViewHistory
 from slamgym.sim import ClutterConfig
@@ -207,7 +207,7 @@ KERNEL_PARTS: dict[str, tuple[Callable[[], None], Callable[..., Any]]] = {
     BATCHED: (_step_many, write_far),
     "pose_graph": (functools.partial(_match, "pose_graph"), search_blocks),
     "furnish": (_furnish, next_clear),
-    "decide": (_decide, cut_frontier_crop),
+    "decide": (_decide, explore_unknown_region),
 }
 """Function that compiles each part, and a kernel that it compiles at its end."""
 

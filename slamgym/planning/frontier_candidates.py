@@ -191,11 +191,11 @@ def split_frontier(
 
 def unknown_regions(
     costmap: Costmap, frontiers: Sequence[Int32Array]
-) -> tuple[ByteArray, float, list[UnknownRegion]]:
+) -> tuple[float, list[UnknownRegion]]:
     """Measure the unknown behind frontiers, given by their cells, each of shape (N, 2).
 
     Returns:
-        A coarse map (:func:`classify_costs`), the size of its cells [m], and the region behind each frontier.
+        The size of the cells in which it is counted [m], and the region behind each frontier.
     """
     classes = classify_costs(costmap.costs, COARSENING)
     cell = costmap.frame.resolution * COARSENING
@@ -211,7 +211,7 @@ def unknown_regions(
         explore_unknown_region(classes, labels, index, cells, steps, margin, count)
         for index, cells in enumerate(coarse)
     ]
-    return classes, cell, regions
+    return cell, regions
 
 
 def _coarse_cell(place: tuple[int, int], frame: GridFrame) -> int:

@@ -1,4 +1,4 @@
-"""Kernels of frontiers' features: a coarse map, the unknown region behind a frontier, a crop about it, and sight."""
+"""Kernels of frontiers' features: a coarse map, the unknown region behind a frontier, and sight."""
 
 from typing import NamedTuple
 
@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamgym.core.jit import kernel
-from slamgym.core.types import BoolArray, ByteArray, Float32Array, FloatArray, Int32Array, IntArray
+from slamgym.core.types import BoolArray, ByteArray, FloatArray, Int32Array, IntArray
 from slamgym.planning.costmap import LETHAL_COST, NO_INFORMATION
 
 Int16Array = NDArray[np.int16]
@@ -161,42 +161,6 @@ def _seed_unknown_region(
                     queue[tail] = r * width + c
                     tail += 1
     return tail
-
-
-@kernel
-def cut_frontier_crop(
-    classes: ByteArray, row: float, col: float, direction: float, cell: float, crop: Float32Array
-) -> None:
-    """Fill a crop of the coarse map about a point, turned so that a direction points up.
-
-    Args:
-        classes: Coarse classes, shape (h, w); unknown beyond.
-        row: Centre [coarse cells].
-        col: Centre [coarse cells].
-        direction: Counter-clockwise from +x [rad]; rows grow downwards.
-        cell: Size of the crop's cells [coarse cells]; each takes the mean of 3 x 3 samples.
-        crop: Shares of free and of occupied, shape (2, n, n); filled.
-    """
-    height, width = classes.shape
-    size = crop.shape[1]
-    sin = np.sin(direction)
-    cos = np.cos(direction)
-    half = 0.5 * size
-    for i in range(size):
-        for j in range(size):
-            free = 0
-            occupied = 0
-            for a in range(3):
-                for b in range(3):
-                    ahead = (half - i - (a + 0.5) / 3.0) * cell
-                    right = (j + (b + 0.5) / 3.0 - half) * cell
-                    r = int(np.floor(row - ahead * sin + right * cos + 0.5))
-                    c = int(np.floor(col + ahead * cos + right * sin + 0.5))
-                    if 0 <= r < height and 0 <= c < width:
-                        free += classes[r, c] == FREE_CLASS
-                        occupied += classes[r, c] == OCCUPIED_CLASS
-            crop[0, i, j] = free / 9.0
-            crop[1, i, j] = occupied / 9.0
 
 
 @kernel

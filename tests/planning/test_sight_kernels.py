@@ -3,8 +3,6 @@ import pytest
 
 from slamgym.planning.frontier_feature_kernels import (
     FREE_CLASS,
-    OCCUPIED_CLASS,
-    cut_frontier_crop,
     explore_unknown_region,
     unknown_by_ray,
 )
@@ -72,15 +70,3 @@ def test_a_flood_counts_cells_by_their_distance_and_each_other_frontier_once():
     assert (region.is_enclosed, region.free, region.occupied, region.frontiers) == (1.0, 20, 0, 1)
     part = explore_unknown_region(classes, labels, 0, cells, (3, 4), 1, 2)
     assert (part.far, part.is_enclosed, part.frontiers) == (60, 0.0, 0)
-
-
-@pytest.mark.parametrize("direction", [0.0, np.pi / 2, np.pi, -np.pi / 2])
-def test_a_crop_is_turned_so_that_its_direction_points_up(direction):
-    classes = np.zeros((41, 41), np.uint8)
-    up, across = round(6 * np.sin(direction)), round(6 * np.cos(direction))
-    classes[19 - up : 22 - up, 19 + across : 22 + across] = FREE_CLASS  # ahead
-    classes[19 + across : 22 + across, 19 + up : 22 + up] = OCCUPIED_CLASS  # on the right
-    crop = np.empty((2, 9, 9), np.float32)
-    cut_frontier_crop(classes, 20.0, 20.0, direction, 2.0, crop)
-    assert np.unravel_index(crop[0].argmax(), (9, 9)) == (1, 4)
-    assert np.unravel_index(crop[1].argmax(), (9, 9)) == (4, 7)
