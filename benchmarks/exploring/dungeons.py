@@ -23,9 +23,11 @@ import cv2
 import numpy as np
 import shapely
 
+from slamgym.agents.evaluation.report import with_bounds
 from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan
-from slamgym.core.intervals import Interval, mean_interval, ratio_of_means
+from slamgym.core.geometry import runs_of
+from slamgym.core.intervals import mean_interval, ratio_of_means
 from slamgym.core.types import Pose2D
 from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.envs.config import resolve_config
@@ -61,8 +63,7 @@ def read_dungeon(name: str) -> tuple[FloorPlan, Pose2D]:
     pixels = pixels[::-1]  # row 0 at the bottom
     boxes = []
     for row, is_free in enumerate(pixels != WALL):
-        ends = np.flatnonzero(np.diff(is_free.astype(np.int8), prepend=0, append=0))
-        for left, right in ends.reshape(-1, 2).tolist():
+        for left, right in runs_of(is_free).tolist():
             sides = PIXEL * np.array([left, row, right, row + 1])
             boxes.append(shapely.box(*sides.tolist()))
     space = shapely.union_all(boxes).simplify(1e-9)
@@ -132,12 +133,6 @@ def explorations(tasks: list[tuple[str, str]], out: Path, workers: int) -> Itera
             yield one
 
 
-def shown(interval: Interval, digits: int) -> str:
-    """A figure with its interval."""
-    bounds = f"[{interval.low:.{digits}f}, {interval.high:.{digits}f}]"
-    return f"{interval.value:.{digits}f} {bounds}"
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -163,10 +158,10 @@ def main() -> None:
         row: list[Any] = [explorer, len(own), sum(one["success"] for one in own)]
         for level in levels:
             paths = np.array([one["paths"][level] for one in own])
-            row.append(shown(mean_interval(paths), 0))
+            row.append(with_bounds(mean_interval(paths), 0))
             theirs = np.array([one["paths"][level] for one in by_explorer.get(REFERENCE, [])])
             is_rival = explorer != REFERENCE and theirs.size
-            row.append(shown(ratio_of_means(paths, theirs), 2) if is_rival else None)
+            row.append(with_bounds(ratio_of_means(paths, theirs)) if is_rival else None)
         row += [float(np.mean([one[name] for one in own])) for name in ("contacts", "cpu")]
         rows.append(row)
     columns = ["explorer", "maps", "ended"]

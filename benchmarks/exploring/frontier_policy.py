@@ -16,6 +16,7 @@ import numpy as np
 import tyro
 
 from slamgym.agents.evaluation.evaluate import EvaluationConfig, evaluate
+from slamgym.agents.evaluation.report import with_bounds
 from slamgym.agents.evaluation.summary import DONE, censored, compare, succeeded
 from slamgym.agents.evaluation.trial import Trial
 from slamgym.cad import open_plans
@@ -97,17 +98,12 @@ def row_of(name: str, trials: dict[str, list[Trial]]) -> dict[str, Any]:
         "explorer": name,
         "n": len(own),
         "success [%]": round(100.0 * float(np.mean([succeeded(trial) for trial in own])), 1),
-        "time [s]": interval(times.value, times.low, times.high, 0),
+        "time [s]": with_bounds(times, 0),
     }
     for rival in RIVALS:
         ratio = compare(own, trials[rival]).time_to[DONE].ratio
-        row[f"/ {rival}"] = "" if ratio is None else interval(ratio.value, ratio.low, ratio.high, 2)
+        row[f"/ {rival}"] = "" if ratio is None else with_bounds(ratio)
     return row
-
-
-def interval(value: float, low: float, high: float, digits: int) -> str:
-    """A figure with its 95 % interval."""
-    return f"{value:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
 
 
 if __name__ == "__main__":

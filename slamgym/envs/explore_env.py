@@ -238,7 +238,7 @@ class ExploreEnv(gym.Env[Any, Any]):
         return self._after(explorations.step(self._actions.to_command(action)))
 
     def place(self, pose: Pose2D, length: float, steps: int) -> tuple[Any, StepOutcome]:
-        """Step to where so many control steps have brought the robot, without physics; see :func:`path_drive.put`."""
+        """Step to where so many control steps have brought the robot, without physics; see :func:`put_robot`."""
         _ = self.simulation  # raises before the first reset
         put_robot(self._explorations.fleet, pose, length, steps)
         self._latest = outcome = self._explorations.look(np.zeros((1, 2)))

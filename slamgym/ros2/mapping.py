@@ -229,11 +229,7 @@ class MapNode(ManagedNode):
 
     def forget(self) -> None:
         """Put aside what was mapped."""
-
-        def begin_anew() -> None:
-            self._reset()
-
-        self.worker.order(begin_anew)
+        self.worker.order(self._reset)
 
     def _begin_at(self, message: Any) -> None:
         """Localise from a pose that somebody has given."""

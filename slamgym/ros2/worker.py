@@ -16,7 +16,7 @@ MOST_PENDING = 10
 class _Order(NamedTuple):
     """A piece of work that must be done."""
 
-    work: Callable[[], None]
+    work: Callable[[], object]
     kind: str
 
 
@@ -36,7 +36,7 @@ class Worker:
         is_over: The node is to end; no work is begun any more.
     """
 
-    def __init__(self, wake: Callable[[], None]) -> None:
+    def __init__(self, wake: Callable[[], object]) -> None:
         self.lock = threading.Lock()
         self.most_pending = MOST_PENDING
         self.dropped = 0
@@ -44,7 +44,7 @@ class Worker:
         self.is_over = False
         self._wake = wake
         self._orders: deque[_Order] = deque()
-        self._data: deque[Callable[[], None]] = deque()
+        self._data: deque[Callable[[], object]] = deque()
         self._has_work = threading.Condition()
         self.start(self._run)
 
@@ -53,7 +53,7 @@ class Worker:
         """Pieces of work that wait."""
         return len(self._orders) + len(self._data)
 
-    def start(self, loop: Callable[[], None]) -> None:
+    def start(self, loop: Callable[[], object]) -> None:
         """Run a loop in a thread; an error in it ends the node, which says it."""
 
         def run() -> None:
@@ -71,7 +71,7 @@ class Worker:
         self.is_over = True
         self._wake()
 
-    def put(self, work: Callable[[], None]) -> None:
+    def put(self, work: Callable[[], object]) -> None:
         """Have data worked off after what is pending; of too much the oldest is left out."""
         with self._has_work:
             if len(self._data) >= self.most_pending:
@@ -80,7 +80,7 @@ class Worker:
             self._data.append(work)
             self._has_work.notify()
 
-    def order(self, work: Callable[[], None], kind: str = "", *, replaces: bool = False) -> None:
+    def order(self, work: Callable[[], object], kind: str = "", *, replaces: bool = False) -> None:
         """Have something done before all data, and after the orders until now.
 
         Args:
@@ -113,7 +113,7 @@ class Worker:
         self.order(find)
         return answer
 
-    def _next(self) -> Callable[[], None]:
+    def _next(self) -> Callable[[], object]:
         """Take what is to be done now."""
         with self._has_work:
             return self._orders.popleft().work if self._orders else self._data.popleft()

@@ -4,7 +4,7 @@ import shutil
 
 import numpy as np
 import pytest
-from drawn_drives import FLAT, OTHER, draw, drive
+from drawn_drives import FLAT, HERE, OTHER, ROUND, THERE, draw, drive
 
 from slamgym.commands.cli import TABLE
 from slamgym.core.errors import SlamgymError
@@ -12,19 +12,6 @@ from slamgym.interop import read_ros_map, read_tum, write_carmen, write_ros_map
 from slamgym.slam import SlamConfig
 from slamgym.slam.graph.graph_files import GRAPH, NODE_SCANS, read_graph, write_graph
 from slamgym.slam.replay import replay
-
-HERE = [(1, 1), (2.2, 2.3), (3.8, 2.3), (4.7, 2.4), (4.7, 3.6), (7, 3.8), (4.7, 3.6), (6.5, 1.2)]
-THERE = [
-    (7.2, 0.8),
-    (3.8, 0.8),
-    (4.7, 2.4),
-    (4.7, 3.8),
-    (6.8, 3.6),
-    (4.7, 3.6),
-    (3.6, 2.3),
-    (1, 4.3),
-]
-ROUND = [(1.5, 1.6), (5.5, 1.6), (5.6, 3), (4.5, 5), (1.8, 4.6), (1.5, 2)]
 
 
 @functools.cache

@@ -10,7 +10,15 @@ import numpy as np
 
 from slamgym.core.geometry import transform_points
 from slamgym.core.jit import plain
-from slamgym.core.types import FREE, OCCUPIED, FloatArray, OccupancyGrid, Pose2D
+from slamgym.core.types import (
+    FREE,
+    OCCUPIED,
+    BoolArray,
+    FloatArray,
+    IntArray,
+    OccupancyGrid,
+    Pose2D,
+)
 from slamgym.slam.end_points import usable_end_points
 from slamgym.slam.graph.closures import FEW_SURFACES
 from slamgym.slam.graph.map_graph import MapGraph
@@ -42,6 +50,19 @@ class WallPieces(NamedTuple):
         turned = transform_points(Pose2D(0.0, 0.0, frame.theta), self.sides[:, :2])
         sides = np.column_stack([turned, self.sides[:, 2]])
         return WallPieces(transform_points(frame, self.points), sides)
+
+    def seen_by_face(self) -> BoolArray:
+        """Which pieces one sees who looks against x, y, -x and -y, shape (4, n)."""
+        to_x, to_y = self.sides[:, 0], self.sides[:, 1]
+        return np.stack([to_x, to_y, -to_x, -to_y]) > 0.0
+
+
+def faces_of(sides: FloatArray) -> IntArray:
+    """Numbers (n,) of the axes x, y, -x, -y that some sides (n, 2 or more) face most."""
+    x, y = sides[:, 0], sides[:, 1]
+    along_x = np.where(x > 0.0, 0, 2)
+    along_y = np.where(y > 0.0, 1, 3)
+    return np.asarray(np.where(np.abs(x) >= np.abs(y), along_x, along_y))
 
 
 class View(NamedTuple):
@@ -105,9 +126,7 @@ def _joined(parts: list[WallPieces]) -> WallPieces:
 def _thinned(surfaces: WallPieces) -> WallPieces:
     """One piece a cell and direction of its side."""
     points, sides = surfaces
-    cells = np.floor(points / SUBMAP_CELL)
-    quadrants = np.round(np.arctan2(sides[:, 1], sides[:, 0]) / (0.5 * np.pi)) % 4
-    keys = np.column_stack([cells, quadrants])
+    keys = np.column_stack([np.floor(points / SUBMAP_CELL), faces_of(sides)])
     _, kept = np.unique(keys, axis=0, return_index=True)
     return WallPieces(points[kept], sides[kept])
 

@@ -11,7 +11,7 @@ from slamgym.core.types import FREE, BoolArray, Float32Array, FloatArray, IntArr
 from slamgym.slam.graph.alignment import FACES, AlignmentTarget
 from slamgym.slam.graph.relative import match_with, seen_from
 from slamgym.slam.graph.submaps import SUBMAP_CELL, Submap
-from slamgym.slam.merge.floor import Floor, WallPieces
+from slamgym.slam.merge.floor import Floor, WallPieces, faces_of
 
 FIELD_BORDER = 1.0
 """Width of the strip round a map in which distances to its walls are known [m]."""
@@ -28,14 +28,6 @@ class WallAgreement(NamedTuple):
     contradicted: float  # wall on free floor [m]
 
 
-def faces_of(sides: FloatArray) -> IntArray:
-    """Numbers (n,) of the axes x, y, -x, -y that some sides (n, 2 or more) face most."""
-    x, y = sides[:, 0], sides[:, 1]
-    along_x = np.where(x > 0.0, 0, 2)
-    along_y = np.where(y > 0.0, 1, 3)
-    return np.asarray(np.where(np.abs(x) >= np.abs(y), along_x, along_y))
-
-
 class FloorFields:
     """A floor, made ready for the surfaces of others."""
 
@@ -49,11 +41,9 @@ class FloorFields:
         self._away: Float32Array = np.empty((FACES, *free.shape), np.float32)
         points, sides = floor.surfaces
         rows, cols = self._cells(points)
-        to_x, to_y = sides[:, 0], sides[:, 1]
         nowhere = np.ones(free.shape, dtype=bool)
-        for face, towards in enumerate((to_x, to_y, -to_x, -to_y)):
+        for face, is_seen in enumerate(floor.surfaces.seen_by_face()):
             is_empty = nowhere.copy()
-            is_seen = towards > 0.0
             is_empty[rows[is_seen], cols[is_seen]] = False
             self._away[face] = distance_transform_edt(is_empty, sampling=self._cell)
         reach = float(np.hypot(points[:, 0], points[:, 1]).max()) + FIELD_BORDER

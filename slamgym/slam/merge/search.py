@@ -30,16 +30,13 @@ class SearchedFloor:
 
     def __init__(self, floor: Floor) -> None:
         border = math.ceil(VIEW_REACH / SUBMAP_CELL) + 2
-        points, sides = floor.surfaces
-        cells = np.floor(points / SUBMAP_CELL).astype(np.int64)
+        cells = np.floor(floor.surfaces.points / SUBMAP_CELL).astype(np.int64)
         low = cells.min(axis=0) - border
         cols, rows = (cells - low).T
         self._size = cells.max(axis=0) - cells.min(axis=0) + 1
         width, height = self._size + 2 * border
         faces: ByteArray = np.zeros((FACES, height, width), np.uint8)
-        to_x, to_y = sides[:, 0], sides[:, 1]
-        for face, towards in enumerate((to_x, to_y, -to_x, -to_y)):
-            is_seen = towards > 0.0
+        for face, is_seen in enumerate(floor.surfaces.seen_by_face()):
             faces[face, rows[is_seen], cols[is_seen]] = 1
         self._levels = score_levels(faces, SEARCH_LEVELS)
         self._first = low * SUBMAP_CELL + (border + 0.5) * SUBMAP_CELL  # place of offset 0 [m]

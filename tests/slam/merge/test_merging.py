@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from drawn_drives import FLAT, OTHER, draw, drive
+from drawn_drives import FLAT, HERE, OTHER, ROUND, THERE, draw, drive
 
 from slamgym.core.geometry import wrap_angle
 from slamgym.core.types import OCCUPIED, UNKNOWN, OccupancyGrid
@@ -17,18 +17,6 @@ from slamgym.slam.merge.merged import Merged, Refusal, merge_parts
 from slamgym.slam.merge.merging import Part
 from slamgym.slam.replay import replay
 
-HERE = [(1, 1), (2.2, 2.3), (3.8, 2.3), (4.7, 2.4), (4.7, 3.6), (7, 3.8), (4.7, 3.6), (6.5, 1.2)]
-THERE = [
-    (7.2, 0.8),
-    (3.8, 0.8),
-    (4.7, 2.4),
-    (4.7, 3.8),
-    (6.8, 3.6),
-    (4.7, 3.6),
-    (3.6, 2.3),
-    (1, 4.3),
-]
-ROUND = [(1.5, 1.6), (5.5, 1.6), (5.6, 3), (4.5, 5), (1.8, 4.6), (1.5, 2)]
 MIRRORED = FLAT * [-1.0, 1.0, -1.0, 1.0]
 DRIVES = {
     "here": (FLAT, HERE),
