@@ -8,16 +8,14 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from map_log import map_log
 
 from slamgym.core.geometry import between, compose
 from slamgym.core.types import Pose2D, Trajectory
 from slamgym.interop import Log
 from slamgym.interop.records import interpolated
 from slamgym.metrics import absolute_trajectory_error, relative_poses
-from slamgym.slam import SlamConfig
 from slamgym.slam.mapper import SlamStats
-from slamgym.slam.odometry_check import check_odometry
-from slamgym.slam.replay import replay
 
 STRETCH_SECONDS, STRETCH_METRES, STRETCH_TURN = 10.0, 2.0, 0.5
 """A fault that lasts covers at least this much time, distance [m] and turning [rad], so that it does harm."""
@@ -182,11 +180,9 @@ class Trial(NamedTuple):
 
 def tried(log: Log, truth: Trajectory | None, mode: str) -> Iterator[tuple[str, Trial]]:
     """Each fault in a log, after ``none``, which judges the unbroken log."""
-    settings: dict[str, Any] = {"mode": mode}
-    config = replace(SlamConfig.for_log(log.geometry.range_max, log.geometry.num_beams), **settings)
 
     def mapped(broken: Log) -> tuple[Trajectory, list[Span]]:
-        result = replay(check_odometry(broken), config, np.random.default_rng(0))
+        result = map_log(broken, mode)
         return result.trajectory, doubtful_spans(result.stats)
 
     def error_of(path: Trajectory) -> float:

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from drives import Conditions, Drive, drive
+from map_log import map_log
 
 from slamgym.cad import PlanGeneratorConfig, generate_plan
 from slamgym.core.intervals import mean_interval
@@ -18,9 +19,7 @@ from slamgym.core.types import Trajectory
 from slamgym.interop import Log
 from slamgym.interop.odometry import without_odometry
 from slamgym.metrics import absolute_trajectory_error
-from slamgym.slam import SlamConfig
 from slamgym.slam.laser_odometry import motion_between, with_laser_odometry, with_steps
-from slamgym.slam.replay import replay
 
 RANGES = (12.0, 8.0, 3.5)
 """Ranges of the laser [m]; it sees 180 degrees five times a second."""
@@ -70,9 +69,8 @@ def _followed(log: Log, begin: float) -> Followed:
 
 def mapped(log: Log) -> Followed:
     """The map of ``slamgym slam``; its time includes that of the odometry."""
-    config = SlamConfig.for_log(log.geometry.range_max, log.geometry.num_beams)
     begin = time.process_time()
-    result = replay(log, config, np.random.default_rng(0))
+    result = map_log(log)
     seconds = time.process_time() - begin
     return Followed(result.trajectory, not result.stats.spans(), 1e3 * seconds / len(log))
 

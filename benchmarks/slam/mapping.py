@@ -136,7 +136,7 @@ def logs(arguments: argparse.Namespace) -> Rows:
     """Recorded logs; without ``--logs`` there are none."""
     if arguments.logs is None:
         return []
-    modes = {mode: {"mode": mode} for mode in arguments.modes if mode not in BY_ODOMETRY}
+    modes = [mode for mode in arguments.modes if mode not in BY_ODOMETRY]
     rows = recorded_logs.log_rows(arguments.logs, modes, arguments.seeds)
     names = dict.fromkeys(row["log"] for row in rows)
     return [

@@ -5,13 +5,14 @@ A log also has variants: as another laser would have recorded it, and with turns
 
 import math
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from faults import doubtful_spans, with_steps
+from map_log import map_log
 from scipy.spatial import cKDTree
 
 from slamgym.core.geometry import compose, unit_vectors
@@ -27,8 +28,7 @@ from slamgym.core.types import (
 from slamgym.interop import Log, LogRecord, Relations, open_log, read_relations
 from slamgym.interop.records import longest_ordered
 from slamgym.metrics import absolute_trajectory_error, relation_error, relative_poses
-from slamgym.slam import SlamConfig
-from slamgym.slam.replay import ReplayResult, replay
+from slamgym.slam.replay import ReplayResult
 
 REVISIT_GAP = 60
 """Scans further apart than this belong to different passes."""
@@ -47,16 +47,14 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def log_rows(
-    folder: Path, modes: Mapping[str, Mapping[str, Any]], seeds: int
-) -> list[dict[str, Any]]:
+def log_rows(folder: Path, modes: Sequence[str], seeds: int) -> list[dict[str, Any]]:
     """A row for each log and mode; the path of the last mode is the reference."""
     rows = []
     for path in sorted(folder.glob("*.log.gz")):
         log, name = open_log(path), path.name.removesuffix(".log.gz")
         relations_file = path.with_name(f"{name}.relations")
         relations = read_relations(relations_file) if relations_file.exists() else None
-        results = {mode: runs(log, settings, seeds) for mode, settings in modes.items()}
+        results = {mode: runs(log, mode, seeds) for mode in modes}
         reference = list(results.values())[-1].plain[0].trajectory
         for mode, some in results.items():
             rows.append({"log": name, "mode": mode} | judged(log, some, relations, reference))
@@ -71,19 +69,18 @@ class Runs(NamedTuple):
     disturbed: list[ReplayResult]  # with worse odometry
 
 
-def runs(log: Log, settings: Mapping[str, Any], seeds: int) -> Runs:
+def runs(log: Log, mode: str, seeds: int) -> Runs:
     """Runs with so many seeds, and with so many disturbed odometries less one."""
-    config = replace(SlamConfig.for_log(log.geometry.range_max, log.geometry.num_beams), **settings)
     few = replace(log, records=log.records[:5], recorded_track=None)
-    replay(few, config, np.random.default_rng(0))  # compiles the kernels
-    plain = [replay(log, config, np.random.default_rng(0))]
+    map_log(few, mode)  # compiles the kernels
+    plain = [map_log(log, mode)]
     for seed in range(1, seeds):
-        other = replay(log, config, np.random.default_rng(seed))
+        other = map_log(log, mode, seed)
         if (other.trajectory.poses == plain[0].trajectory.poses).all():
             break
         plain.append(other)
     worse = [disturbed(log, seed) for seed in range(1, seeds)]
-    return Runs(plain, [replay(one, config, np.random.default_rng(0)) for one in worse])
+    return Runs(plain, [map_log(one, mode) for one in worse])
 
 
 def judged(

@@ -31,11 +31,10 @@ from slamgym.ros2.frames import RobotFrames
 from slamgym.ros2.map_run import MapRun
 from slamgym.ros2.parameters import MapParameters
 from slamgym.ros2.stamps import StampGate
-from slamgym.slam import SlamConfig
 from slamgym.slam.odometry_check import check_odometry
-from slamgym.slam.replay import replay
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
+from map_log import map_checked
 from report import print_and_save
 
 MODULES = ("slamgym/slam", "slamgym/ros2", "slamgym/interop")
@@ -161,7 +160,7 @@ def by_slam(log: Log) -> Said:
     """The findings, and the path that the mapper doubts."""
     read = as_read(log) if _is_disordered(log) else log
     checked = check_odometry(read, estimate_scan_time=False)
-    result = replay(checked, _config(log), np.random.default_rng(0))
+    result = map_checked(checked)
     kinds = {finding.kind for finding in checked.findings} | set(read.warnings.counts)
     stamps = [record.stamp for record in checked]
     return Said(kinds, dict(zip(stamps, result.doubtful.tolist(), strict=True)))
@@ -206,10 +205,6 @@ def message_of(record: LogRecord) -> Any:
     header = header_fields(round(record.stamp * 1e9), "base_scan")
     fields = scan_fields(header, record.scan.ranges, record.scan.geometry, 0.0)
     return SimpleNamespace(**{**fields, "header": SimpleNamespace(**header)})
-
-
-def _config(log: Log) -> SlamConfig:
-    return SlamConfig.for_log(log.geometry.range_max, log.geometry.num_beams)
 
 
 def _is_disordered(log: Log) -> bool:

@@ -27,13 +27,11 @@ from slamgym.core.geometry import between, compose
 from slamgym.core.types import AT_REST, Pose2D, Trajectory
 from slamgym.interop import Log
 from slamgym.metrics import absolute_trajectory_error
-from slamgym.slam import SlamConfig
-from slamgym.slam.odometry_check import check_odometry
-from slamgym.slam.replay import replay
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from drives import Drive
 from faults import FOUND_SECONDS, WRONG_METRES, Span, doubtful_spans, jumped, late, overlap, stretch
+from map_log import map_log
 from recorded_logs import with_range, with_scans
 from report import print_and_save, print_table
 from zoo import Task
@@ -182,9 +180,7 @@ def judged(task: tuple[Task, str]) -> Judged:
 
 def mapped(drive: Drive) -> tuple[float, list[Span]]:
     """RMSE after alignment [m], and what is in doubt, of a drive by the default mapper."""
-    log = check_odometry(drive.log)
-    config = SlamConfig.for_log(log.geometry.range_max, log.geometry.num_beams)
-    result = replay(log, config, np.random.default_rng(0))
+    result = map_log(drive.log)
     error = absolute_trajectory_error(result.trajectory, drive.truth).translation.rmse
     return error, doubtful_spans(result.stats)
 

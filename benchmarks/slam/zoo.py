@@ -50,6 +50,7 @@ from slamgym.viz.map_pictures import draw_map
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from drives import Drive, kept_drive
 from karto import karto_path
+from map_log import map_log
 from recorded_logs import read_judged_log, variants
 from report import RESULTS, print_and_save, print_table
 from zoo_robots import FIRST_SEED, PLACES, ROBOTS
@@ -151,13 +152,11 @@ class Mapped(NamedTuple):
 
 
 def mapped(log: Log, mode: str) -> Mapped:
-    """Map a log as ``slamgym slam`` does, or with Karto."""
+    """Map a log, by a mode of ours or with Karto."""
     if mode == KARTO:
-        path = karto_path(log)
+        path = karto_path(check_odometry(log))
         return Mapped(path.scans, path.moments, VERDICTS[0], path.milliseconds)
-    suited = SlamConfig.for_log(log.geometry.range_max, log.geometry.num_beams)
-    config = replace(suited, mode=mode)  # type: ignore[arg-type]
-    result = replay(log, config, np.random.default_rng(0))
+    result = map_log(log, mode)
     each = result.stats.cpu_ms_per_processed_scan
     return Mapped(result.trajectory, result.moments, verdict_of(result.stats), each)
 
@@ -181,10 +180,9 @@ class Figures(NamedTuple):
 def measure(task: Task) -> tuple[float, list[Figures]]:
     """Length of a drive [m], and the figures of each mode."""
     one = task.drive()
-    log = check_odometry(one.log)
     figures = []
     for mode in task.arguments.modes:
-        result = mapped(log, mode)
+        result = mapped(one.log, mode)
         start = absolute_trajectory_error(result.scans, one.truth, align=False)
         aligned = absolute_trajectory_error(result.scans, one.truth)
         both = (start.translation.rmse, aligned.translation.rmse)
@@ -265,10 +263,9 @@ def log_rows(task: tuple[argparse.Namespace, Path]) -> Rows:
     own: dict[str, Trajectory] = {}
     rows: Rows = []
     for variant, log in variants(judged.log):
-        checked = check_odometry(log)
         row: dict[str, Any] = {"log": name, "variant": variant, "against": judged.kind}
         for mode in arguments.modes:
-            result = mapped(checked, mode)
+            result = mapped(log, mode)
             error = judged.error(result.scans, result.moments, own.get(mode))
             own.setdefault(mode, result.scans)
             row[f"{mode} error [m]"] = error and round(error, 3)
