@@ -11,8 +11,10 @@ from typing import Any
 
 import cv2
 import numpy as np
+import shapely
 from shapely import Polygon
 
+from slamgym.cad.polygons import largest_part
 from slamgym.core.types import FloatArray, GridFrame, IntArray, OccupancyGrid
 from slamgym.drawing.boundaries import WIDEST
 from slamgym.drawing.evidence import filled_patch, values_at
@@ -78,6 +80,14 @@ class AnnotatedMap:
         patch = filled_patch(shape, self.grid.frame)
         inside = self._labels[patch.place][patch.inside]
         return int(np.bincount(inside[inside > 0], minlength=1).argmax())
+
+    @property
+    def rooms(self) -> list[Polygon]:
+        """Outlines of the rooms that a drawing must have [m]."""
+        frame = self.grid.frame
+        kept = [one for one in self.about["rooms"] if not (one["partial"] or one["small"])]
+        rings = [in_metres(one["polygon"], frame) for one in kept]
+        return [largest_part(shapely.make_valid(Polygon(ring))) for ring in rings if len(ring) > 3]
 
     @property
     def pairs_by_taste(self) -> list[frozenset[int]]:

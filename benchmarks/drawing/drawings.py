@@ -11,12 +11,14 @@ Maps that no model's drawing lies over its plan are left out and named.
 """
 
 import argparse
+import functools
+import operator
 import sys
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import shapely
@@ -42,6 +44,7 @@ from slamgym.metrics import (
     measure_dimensions,
     room_score,
 )
+from slamgym.metrics.corners import CornerCounts, count_corners
 from slamgym.metrics.layers import DOOR_DEPTH, MapLayers
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -66,11 +69,13 @@ RIGHT = 0.05
 """An error of a width up to which it is right [m]."""
 FLOOR_COLUMNS = (
     "maps", "model", "number", "wall F1, 5 cm", "wall F1, 10 cm", "room F1, raster", "room F1, vectors",
-    "vertices / true", "room width, median cm", "within 5 cm", "CPU s",
+    "vertices / true", "room width, median cm", "within 5 cm",
+    "corner precision", "corner recall", "corner F1", "angle precision", "angle recall", "angle F1", "CPU s",
 )  # fmt: skip
 OPENING_COLUMNS = (
     "maps", "model", "doors", "drawn", "closed", "invented", "width, median cm", "walls", "walls opened",
 )  # fmt: skip
+Shape = TypeVar("Shape", bound=BaseGeometry)
 
 
 @dataclass(frozen=True)
@@ -105,6 +110,7 @@ class Score:
     room_f1: tuple[float, float]
     """F1 score of the rooms of the raster, and of the polygons."""
     vertices: float
+    corners: CornerCounts
     doors: int
     """Openings of the plan that part two rooms."""
     door_widths: list[float]
@@ -230,7 +236,8 @@ def score(case: Case, name: str, model: FloorModel) -> Score:
             room_score(inside[::FINE, ::FINE], truth[::FINE, ::FINE], coarse.resolution).f1,
             polygons_f1(rooms, true_rooms.rooms),
         ),
-        vertices=corners(drawing.floor) / corners(case.truth.simplify(STRAIGHT_WITHIN)),
+        vertices=vertices(drawing.floor) / vertices(case.truth.simplify(STRAIGHT_WITHIN)),
+        corners=count_corners(rooms, true_rooms.rooms, STRAIGHT_WITHIN),
         doors=len(true_rooms.doors),
         door_widths=widths,
         doors_invented=invented,
@@ -267,7 +274,7 @@ def shares(floor: BaseGeometry, frame: GridFrame) -> Float32Array:
     )
 
 
-def moved(shape: BaseGeometry, frame: GridFrame, motion: Similarity) -> BaseGeometry:
+def moved(shape: Shape, frame: GridFrame, motion: Similarity) -> Shape:
     """A shape [m] after a motion that was found on images of a frame."""
     matrix = motion.matrix(*frame.shape)
 
@@ -285,7 +292,7 @@ def moved(shape: BaseGeometry, frame: GridFrame, motion: Similarity) -> BaseGeom
     return shapely.transform(shape, move)
 
 
-def corners(floor: BaseGeometry) -> int:
+def vertices(floor: BaseGeometry) -> int:
     """Vertices of all outlines."""
     rings = [ring for p in shapely.get_parts(floor) for ring in (p.exterior, *p.interiors)]
     return sum(len(ring.coords) - 1 for ring in rings)
@@ -316,6 +323,7 @@ def row(name: str, model: str, scores: Sequence[Score]) -> dict[str, Any]:
     """One set drawn by one model."""
     widths = np.concatenate([s.dimensions.room_width for s in scores])
     door_widths = np.concatenate([s.door_widths for s in scores])
+    corners = functools.reduce(operator.add, [s.corners for s in scores])
     return {
         "maps": name,
         "model": model,
@@ -327,6 +335,7 @@ def row(name: str, model: str, scores: Sequence[Score]) -> dict[str, Any]:
         "vertices / true": mean([s.vertices for s in scores]),
         "room width, median cm": centimetres(widths),
         "within 5 cm": mean(np.abs(widths) <= RIGHT),
+        **corners.figures(),
         "CPU s": mean([s.seconds for s in scores]),
         "doors": sum(s.doors for s in scores),
         "closed": sum(s.openings.doors_closed for s in scores),

@@ -6,10 +6,14 @@
 ``slam2cad-asked=out/rooms/slam2cad-asked --results drawing/questions`` is the same after a report's questions.
 The folder holds annotated maps, ``*/*/rooms.json`` and ``map.yaml``, and ``score.py``, which scores a drawing's JSON.
 Folders of drawings, by any program, are compared with a plain watershed: rooms are what is farther than 0.55 m from all
-that isn't free in the cleaned map, and what flows there. Intervals are those of resampled buildings.
+that isn't free in the cleaned map, and what flows there. Intervals are those of resampled buildings. The annotation has
+the free floor with the fronts of furniture, so corners are those of outlines that were made straight within 25 cm.
 """
 
 import argparse
+import functools
+import json
+import operator
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
@@ -18,10 +22,14 @@ from typing import Any
 
 import cv2
 import numpy as np
+import shapely
+from shapely import Polygon
 
+from slamgym.cad.polygons import largest_part
 from slamgym.core.intervals import mean_interval
 from slamgym.drawing.signs import PLAIN_WATERSHED
 from slamgym.metrics.cleaning import clean_map
+from slamgym.metrics.corners import CornerCounts, count_corners
 from slamgym.metrics.rooms import label_rooms
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -31,6 +39,8 @@ from report import print_and_save
 MODULES = ("gan/translation", "slamgym/drawing")
 """What is measured."""
 WATERSHED = "watershed"
+STRAIGHT_WITHIN = 0.25
+"""Corners that stand out less from a straight line are none [m]."""
 BOUNDARIES = {"up to 1.6 m": WIDEST_DOOR, "all": None}
 """Which ones a drawing must have."""
 SUMS = ("usable", "merged", "split", "missing", "closed")
@@ -47,6 +57,8 @@ COLUMNS = (
     "door recall",
     "door precision",
     "lost [%]",
+    "corner F1",
+    "angle F1",
 )
 
 Score = dict[str, Any]
@@ -74,7 +86,11 @@ def main() -> None:
         rival = [score(str(one.folder), watershed(one), widest) for one in maps]
         rows += figures(WATERSHED, boundaries, maps, rival, rival)
         for name, folder in folders.items():
-            found = [score(str(one.folder), drawing_of(one, Path(folder)), widest) for one in maps]
+            paths = [drawing_of(one, Path(folder)) for one in maps]
+            found = [
+                score(str(one.folder), path, widest) | {"corners": corners_of(one, path)}
+                for one, path in zip(maps, paths, strict=True)
+            ]
             rows += figures(name, boundaries, maps, found, rival)
     table = [[row[column] for column in COLUMNS] for row in rows]
     print_and_save(arguments.results, "Drawn rooms of real maps", table, COLUMNS, MODULES)
@@ -84,6 +100,16 @@ def drawing_of(one: AnnotatedMap, folder: Path) -> str:
     """Path of a map's drawing."""
     alone = folder / f"{one.name}.json"
     return str(alone if alone.is_file() else next((folder / one.name).glob("*.json")))
+
+
+def corners_of(one: AnnotatedMap, path: str) -> CornerCounts:
+    """The corners of a map's drawn rooms; those are left out that lie mostly where none need be."""
+    document = json.loads(Path(path).read_text("utf-8"))
+    rings = [room["polygon"] for room in document.get("drawing", document)["rooms"]]
+    drawn = [largest_part(shapely.make_valid(Polygon(ring[0], ring[1:]))) for ring in rings]
+    must = shapely.union_all(one.rooms)
+    kept = [room for room in drawn if room.intersection(must).area > 0.5 * room.area]
+    return count_corners(kept, one.rooms, STRAIGHT_WITHIN)
 
 
 def watershed(one: AnnotatedMap) -> str:
@@ -149,6 +175,9 @@ def totals(some: Sequence[Score]) -> dict[str, Any]:
     row["door recall"] = round(hits / max(true, 1), 3) if has_doors else None
     row["door precision"] = round(hits / max(hits + false, 1), 3) if has_doors else None
     row["lost [%]"] = round(float(np.mean([one["lost_pct"] for one in some])), 2)
+    counts = [one["corners"] for one in some if "corners" in one]
+    corners = functools.reduce(operator.add, counts).figures() if counts else {}
+    row |= {name: corners.get(name) for name in ("corner F1", "angle F1")}
     return row
 
 
