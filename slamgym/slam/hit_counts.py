@@ -42,7 +42,8 @@ class HitCountMap:
 
     def __init__(self, beams: BeamTable, config: SlamConfig) -> None:
         self._beams = plain(beams)
-        self._resolution = config.resolution
+        self.resolution = config.resolution
+        """Cell size [m]."""
         self._draw_scans = draw_scans if config.counting == "beams" else draw_scans_once
         self._threshold = config.occupied_threshold
         self._min_passes = config.min_passes
@@ -50,15 +51,15 @@ class HitCountMap:
         self._memory_limit = config.memory_limit_mb * 1e6
         self.corner = (0, 0)
         """Lattice (row, col) of the lower left cell."""
-        # Hits and visits, row 0 at the bottom.
-        self._counts: np.ndarray = np.zeros((0, 0, 2), dtype=np.int32)
+        self.counts: np.ndarray = np.zeros((0, 0, 2), dtype=np.int32)
+        """(rows, cols, 2) hits and visits, row 0 at the bottom."""
         self._cells: ByteArray = np.zeros((0, 0), dtype=np.uint8)
         self._dirty: LatticeBox | None = None  # what was drawn on since cells were last classified
 
     @property
     def num_bytes(self) -> int:
         """Memory of the grid."""
-        return self._counts.nbytes + self._cells.nbytes
+        return self.counts.nbytes + self._cells.nbytes
 
     def see_with(self, beams: BeamTable) -> None:
         """Draw scans of another laser from here on."""
@@ -75,10 +76,10 @@ class HitCountMap:
         if len(poses) == 0:
             return
         bounds = self._draw_on_counts(poses, ranges, sign)
-        cells = [math.floor(value / self._resolution) for value in bounds]
+        cells = [math.floor(value / self.resolution) for value in bounds]
         first_col, first_row, last_col, last_row = cells
         box = (first_row, first_col, last_row + 1, last_col + 1)
-        if self._grow_to(box):
+        if self.cover(box):
             self._draw_on_counts(poses, ranges, sign)
         self._dirty = _around(box, self._dirty)
 
@@ -87,16 +88,23 @@ class HitCountMap:
     ) -> tuple[float, float, float, float]:
         """Draw scans if the counts cover them; returns their bounds (min x, min y, max x, max y) [m]."""
         bounds: tuple[float, float, float, float] = self._draw_scans(
-            self._counts, self.corner, self._resolution, poses, ranges, self._beams, sign
+            self.counts, self.corner, self.resolution, poses, ranges, self._beams, sign
         )
         return bounds
 
-    def _grow_to(self, box: LatticeBox) -> bool:
+    @property
+    def box(self) -> LatticeBox:
+        """The part of the lattice that is covered."""
+        row, col = self.corner
+        rows, cols = self._cells.shape
+        return (row, col, row + rows, col + cols)
+
+    def cover(self, box: LatticeBox) -> bool:
         """Let the grid grow to cover a box of the lattice; true if it had to."""
         row, col = self.corner
         rows, cols = self._cells.shape
         if rows:
-            covered = (row, col, row + rows, col + cols)
+            covered = self.box
             box = _around(box, covered)
             if box == covered:
                 return False
@@ -106,7 +114,7 @@ class HitCountMap:
         width = math.ceil((box[3] - first_col) / BLOCK) * BLOCK
         if height * width * CELL_BYTES > self._memory_limit:
             raise SlamgymError(
-                f"the map has grown to {width * self._resolution:.0f} x {height * self._resolution:.0f} m, more "
+                f"the map has grown to {width * self.resolution:.0f} x {height * self.resolution:.0f} m, more "
                 f"than slam.memory_limit_mb={self._memory_limit / 1e6:.0f} allows; raise it, use a coarser "
                 "resolution, or check the log for impossible ranges"
             )
@@ -114,10 +122,10 @@ class HitCountMap:
         cells = np.full((height, width), UNKNOWN, dtype=np.uint8)
         above = row - first_row
         beside = col - first_col
-        counts[above : above + rows, beside : beside + cols] = self._counts
+        counts[above : above + rows, beside : beside + cols] = self.counts
         cells[above : above + rows, beside : beside + cols] = self._cells
         self.corner = (first_row, first_col)
-        self._counts = counts
+        self.counts = counts
         self._cells = cells
         return True
 
@@ -133,7 +141,7 @@ class HitCountMap:
 
     def _classify(self, box: LatticeBox, margins: tuple[float, float], cells: ByteArray) -> None:
         """Read the cells of a box of the counts."""
-        classify_counts(self._counts, box, self._threshold, margins, self._min_passes, cells)
+        classify_counts(self.counts, box, self._threshold, margins, self._min_passes, cells)
 
     def occupancy_grid(self) -> OccupancyGrid:
         """The map as it is saved, cropped to the cells known."""
@@ -142,12 +150,12 @@ class HitCountMap:
             cells = np.empty_like(cells)
             rows, cols = cells.shape
             self._classify((0, 0, rows, cols), self._margins, cells)
-        return cropped_to_known(cells, self.corner, self._resolution)
+        return cropped_to_known(cells, self.corner, self.resolution)
 
     def render(self, frame: GridFrame) -> ByteArray:
         """The map on another grid; see :meth:`slamgym.slam.mapper.Mapper.render`."""
         cells = self.classified()
-        step = self._resolution
+        step = self.resolution
         first_row, first_col = self.corner
         col = frame.origin_x / step
         row = frame.origin_y / step

@@ -25,6 +25,7 @@ from slamgym.slam.graph.map_graph import MapGraph
 from slamgym.slam.graph.mapper import MATCH_RANGE
 from slamgym.slam.graph.relative import seen_from
 from slamgym.slam.graph.submaps import SUBMAP_CELL, Submap, known_surfaces, sides_of
+from slamgym.slam.merge.days import are_clear, draw_days
 
 VIEW_REACH = 8.0
 """Surfaces further than this from the middle of a view aren't part of it [m]."""
@@ -84,10 +85,13 @@ class Floor:
 
 
 def graph_floor(graph: MapGraph, submaps: list[Submap]) -> Floor:
-    """The floor of a graph with its submaps."""
+    """The floor of a graph with its submaps: what stands there now."""
+    grid = draw_days(graph)
     frames = graph.poses[graph.submaps[:, 0]]
     seen = [WallPieces(*submap.lines()) for submap in submaps]
     placed = [surfaces.placed(frame) for surfaces, frame in zip(seen, frames, strict=True)]
+    if len(graph.drives) > 1:
+        placed = [_standing(surfaces, grid) for surfaces in placed]
     views: list[View] = []
     for number, frame in enumerate(frames):
         if any(np.hypot(*(view.pose - frame)[:2]) < VIEW_SPACING for view in views):
@@ -95,7 +99,19 @@ def graph_floor(graph: MapGraph, submaps: list[Submap]) -> Floor:
         first = max(0, number - VIEW_SUBMAPS)
         around = _joined(placed[first : number + VIEW_SUBMAPS + 1])
         views.append(_view(frame, around))
-    return _floor(graph.grid(), _joined(placed), views)
+    return _floor(grid, _joined(placed), views)
+
+
+def _standing(surfaces: WallPieces, grid: OccupancyGrid) -> WallPieces:
+    """Surfaces without those on free floor: what they show is gone, or has been seen only once."""
+    rows, cols = grid.frame.to_cell(*surfaces.points.T)
+    inside = (
+        (rows >= 0) & (rows < grid.frame.height_px) & (cols >= 0) & (cols < grid.frame.width_px)
+    )
+    stands = np.ones(len(rows), dtype=bool)
+    clear = are_clear(grid.cells, grid.frame.resolution)
+    stands[inside] = ~clear[rows[inside], cols[inside]]
+    return WallPieces(*(part[stands] for part in surfaces))
 
 
 def picture_floor(grid: OccupancyGrid) -> Floor:

@@ -9,6 +9,7 @@ from slamgym.core.geometry import compose, inverse, transform_poses
 from slamgym.core.types import FloatArray, OccupancyGrid, Pose2D
 from slamgym.metrics.trajectory import align_se2
 from slamgym.slam.graph.map_graph import MapGraph
+from slamgym.slam.merge.days import draw_days
 from slamgym.slam.merge.drawing import Picture, paint
 from slamgym.slam.merge.joint import tied_loosely
 from slamgym.slam.merge.merging import Part, compare_parts
@@ -46,7 +47,7 @@ class Merged:
             if one.part.graph is None
         ]
         if self.graph is not None:
-            pictures.insert(0, Picture(self.graph.grid(), np.zeros(3)))
+            pictures.insert(0, Picture(draw_days(self.graph), np.zeros(3)))
         if len(pictures) == 1:
             return pictures[0].grid
         first = self.placed[0].part

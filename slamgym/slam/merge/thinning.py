@@ -1,0 +1,115 @@
+"""A graph of many drives stays as large as its building: what enough newer drives show again is taken out."""
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from slamgym.core.types import UNKNOWN, BoolArray, FloatArray, IntArray
+from slamgym.slam.graph.map_graph import DriveScans, MapGraph, drawn_poses
+from slamgym.slam.graph.relative import seen_from
+from slamgym.slam.graph.solver import Edges
+from slamgym.slam.hit_counts import HitCountMap
+
+KEPT_DRIVES = 3
+"""So many of the newest drives that see a place are kept: two draw what has come, a third what was there before."""
+SEEN_AGAIN = 0.95
+"""A submap is taken out if newer drives see such a share of its cells."""
+KEPT_SHAPE = (0.02, 0.02, 0.01)
+"""Standard deviations with which what is left keeps its place, where the nodes between are taken out [m], [m], [rad]:
+those of a match across a few metres."""
+
+
+def thinned(graph: MapGraph) -> MapGraph:
+    """A graph without the submaps that :data:`KEPT_DRIVES` newer drives show again; the poses stay."""
+    if len(graph.drives) <= KEPT_DRIVES:
+        return graph
+    whole = HitCountMap(graph.drives[0].beams, graph.drives[0].config)
+    for drive in graph.drives:
+        whole.see_with(drive.beams)
+        whole.draw(drawn_poses(graph.poses[drive.nodes]), drive.ranges)
+    seen = np.zeros(whole.counts.shape[:2], np.int64)
+    is_kept = np.ones(len(graph.submaps), dtype=bool)
+    for drive in reversed(graph.drives):
+        day = np.zeros(seen.shape, dtype=bool)
+        for number in _submaps_of(drive, graph.submaps):
+            first, end = graph.submaps[number].tolist()
+            cells = _known(graph, drive, slice(first, end), whole)
+            if (seen[cells] >= KEPT_DRIVES).mean() > SEEN_AGAIN:
+                is_kept[number] = False
+            else:
+                day |= cells
+        seen += day
+    return _reduced(graph, is_kept)
+
+
+def _submaps_of(drive: DriveScans, submaps: IntArray) -> list[int]:
+    firsts = submaps[:, 0]
+    return np.flatnonzero((firsts >= drive.nodes.start) & (firsts < drive.nodes.stop)).tolist()
+
+
+def _known(graph: MapGraph, drive: DriveScans, nodes: slice, whole: HitCountMap) -> BoolArray:
+    """The cells of a whole map that the scans of some nodes of a drive show."""
+    drawn = HitCountMap(drive.beams, graph.drives[0].config)
+    scans = slice(nodes.start - drive.first, nodes.stop - drive.first)
+    drawn.draw(drawn_poses(graph.poses[nodes]), drive.ranges[scans])
+    drawn.cover(whole.box)
+    return np.asarray(drawn.classified() != UNKNOWN)
+
+
+def _reduced(graph: MapGraph, is_kept: BoolArray) -> MapGraph:
+    """A graph with some of its submaps."""
+    stays = np.zeros(len(graph.poses), dtype=bool)
+    for first, end in graph.submaps[is_kept].tolist():
+        stays[first:end] = True
+    numbers = np.cumsum(stays) - 1  # of the nodes that stay
+    drives = []
+    for drive in graph.drives:
+        own = stays[drive.nodes]
+        if own.any():
+            first = int(numbers[drive.first + int(np.argmax(own))])
+            kept = drive._replace(first=first, stamps=drive.stamps[own], ranges=drive.ranges[own])
+            drives.append(kept)
+    old = graph.edges
+    between = stays[old.first] & stays[old.second]
+    edges = Edges(
+        first=numbers[old.first[between]],
+        second=numbers[old.second[between]],
+        measured=old.measured[between],
+        information=old.information[between],
+        design=old.design[between],
+        width=old.width[between],
+    )
+    submaps = graph.submaps[is_kept]
+    poses = graph.poses[stays]
+    ends = np.column_stack([numbers[submaps[:, 0]], numbers[submaps[:, 1] - 1] + 1])
+    return MapGraph(poses, _held(edges, poses, drives), ends, tuple(drives))
+
+
+def _held(edges: Edges, poses: FloatArray, drives: list[DriveScans]) -> Edges:
+    """Edges, with more of them over the gaps of each drive and between drives that nothing ties."""
+    count = len(poses)
+    is_tied = np.zeros(count, dtype=bool)
+    is_tied[edges.first[edges.second == edges.first + 1]] = True
+    starts = [drive.first for drive in drives]
+    gaps = np.setdiff1d(np.flatnonzero(~is_tied[:-1]), np.array(starts) - 1)
+    edges = _with_gaps(edges, poses, np.column_stack([gaps, gaps + 1]))
+    links = coo_array((np.ones(len(edges.first)), (edges.first, edges.second)), (count, count))
+    _, parts = connected_components(links, directed=False)
+    loose = [(0, start) for start in starts if parts[start] != parts[0]]
+    return _with_gaps(edges, poses, np.array(loose, dtype=np.int64).reshape(-1, 2))
+
+
+def _with_gaps(edges: Edges, poses: FloatArray, ends: IntArray) -> Edges:
+    """Edges, and further ones that hold two nodes (n, 2) each as they lie."""
+    count = len(ends)
+    measured = [seen_from(poses[first], poses[second]) for first, second in ends.tolist()]
+    information = np.diag(1.0 / np.square(KEPT_SHAPE))
+    more = Edges(
+        first=ends[:, 0],
+        second=ends[:, 1],
+        measured=np.array(measured).reshape(-1, 3),
+        information=np.tile(information, (count, 1, 1)),
+        design=np.zeros((count, 3, 3)),
+        width=np.full(count, np.inf),
+    )
+    return Edges(*(np.concatenate(pair) for pair in zip(edges, more, strict=True)))
