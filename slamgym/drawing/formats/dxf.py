@@ -1,6 +1,6 @@
 """DXF by ezdxf: model space in millimetres of the building, so that 1:100 is 1:100, and a sheet on paper.
 
-The model lies in the frame of the map; the sheet shows it upright.
+The model lies in the frame of the map; the sheet and the first view show it upright, along the axes of the UCS UPRIGHT.
 
 Layers are named as the US National CAD Standard has them: A-WALL (outlines of walls; A-WALL-INFR of those without
 evidence; A-WALL-PATT, their filling), A-GLAZ (outlines of walls of glass), A-DOOR and A-DOOR-OPNG (a block for each
@@ -25,6 +25,7 @@ from slamgym.drawing.drawing import Drawing, DrawnDoor, DrawnPoint, DrawnWall
 from slamgym.drawing.formats.chains import CHAIN_OFFSET, dimension_chains
 from slamgym.drawing.formats.dxf_sheet import MM, add_sheet, add_text, fitting_paper
 from slamgym.drawing.formats.look import place_labels
+from slamgym.drawing.formats.upright import turn_deg
 from slamgym.drawing.polygons import CORNER_GRID
 
 LAYER_LOOKS = {
@@ -63,7 +64,7 @@ def format_dxf(drawing: Drawing) -> str:
     _draw(space, drawing, paper.letters)
     space.reset_extents((*low, 0.0), (*high, 0.0))
     space.reset_limits(low, high)
-    document.set_modelspace_vport(high[1] - low[1], 0.5 * (low + high))
+    _show_upright(document, drawing, MM * middle, MM * height)
     add_sheet(document, drawing, paper, MM * middle)
     stream = io.StringIO()
     document.write(stream)
@@ -80,6 +81,17 @@ def _upright(drawing: Drawing) -> tuple[FloatArray, float, float]:
     low, high = places.min(axis=0), places.max(axis=0)
     width, height = (high - low).tolist()
     return 0.5 * (low + high) @ axes, width, height
+
+
+def _show_upright(document: Any, drawing: Drawing, middle: FloatArray, height: float) -> None:
+    """Turn the view in which the model opens about a middle (2,), so high [mm], and name its axes."""
+    angle = -turn_deg(drawing)
+    view = document.set_modelspace_vport(height, (0.0, 0.0))
+    view.dxf.target = (*middle, 0.0)
+    view.dxf.view_twist = -angle
+    (x, y), (across_x, across_y) = unit_vectors(np.radians([angle, angle + 90.0])).tolist()
+    axes = {"origin": (0.0, 0.0, 0.0), "xaxis": (x, y, 0.0), "yaxis": (across_x, across_y, 0.0)}
+    document.ucs.add("UPRIGHT", dxfattribs=axes)
 
 
 def _add_tables(document: Any, letters: float) -> None:

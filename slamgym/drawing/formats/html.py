@@ -17,6 +17,7 @@ from slamgym.drawing.drawing import Drawing
 from slamgym.drawing.formats.json import drawing_facts
 from slamgym.drawing.formats.look import DRAWING_STYLE, Sheet, drawn_scene, format_part
 from slamgym.drawing.formats.svg import LETTERS, drawn_layers, svg_point
+from slamgym.drawing.formats.upright import upright
 from slamgym.drawing.settings import SEEN_SHARE
 from slamgym.viz.pages import bullets, inline_picture, make_page, make_table, paragraph
 
@@ -44,7 +45,7 @@ def format_html(drawing: Drawing) -> str:
         "angle": f"{drawing.angle_deg:.1f}",
         "doubts": doubts_part(checks(drawing)),
         "figures": figures_part(key_figures(drawing)),
-        "dimensioned": _svg(drawing, "the drawing with dimensions"),
+        "dimensioned": _svg(upright(drawing), "the drawing with dimensions"),
         "over": _svg(drawing, "the drawing over its map", with_map=True),
         "data": facts,
         "script": "".join(map(format_part, SCRIPTS)),

@@ -162,7 +162,7 @@ class Sheet(NamedTuple):
     def key(
         self, words: str, doubts: Sequence[str] = ()
     ) -> tuple[list[DrawnShape], list[DrawnLabel]]:
-        """What the colours mean, a bar of a round length with words behind it, and the doubts: shapes and labels."""
+        """What the colours mean, a bar of a round length with words, and the first doubt: shapes and labels."""
         size = self.letters
         bottom = self.top - self.height
         shapes = []
@@ -185,7 +185,8 @@ class Sheet(NamedTuple):
         beside = (end + 0.5 * size, y + 0.35 * size)
         labels.append(DrawnLabel(f"{bar:g} m{words}", "start", beside))
         if doubts:
-            labels.append(DrawnLabel("; ".join(doubts), "doubts", (x, bottom + size)))
+            more = f" (and {len(doubts) - 1} more: see the report)" if len(doubts) > 1 else ""
+            labels.append(DrawnLabel(f"{doubts[0]}{more}", "doubts", (x, bottom + size)))
         return shapes, labels
 
 

@@ -1,4 +1,4 @@
-"""A picture of the drawing over the map that it was made from."""
+"""A picture of the drawing over the map that it was made from, upright."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -8,6 +8,7 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
+from slamgym.core.geometry import unit_vectors
 from slamgym.core.progress import counted
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, ByteArray, FloatArray, GridFrame
 from slamgym.drawing.drawing import Drawing
@@ -20,6 +21,7 @@ from slamgym.drawing.formats.look import (
     Sheet,
     drawn_scene,
 )
+from slamgym.drawing.formats.upright import turn_deg, upright
 from slamgym.viz.canvas import (
     BELIEVED_COLOUR,
     INK,
@@ -38,9 +40,9 @@ from slamgym.viz.canvas import (
 
 SIDE_PX = 1600
 """Longer side of the drawing."""
-_TEXT_SIZE = 0.4
-"""OpenCV's size of the text."""
-_LETTER_PX = 11.0
+_TEXT_SIZE = 0.7
+"""OpenCV's size of the text: readable where the picture is shown half as large."""
+_LETTER_PX = 19.0
 """Height of letters of that size [px]."""
 _WIDTHS = {"dimension": 1, "bar": 2}
 """Of lines [px]; others are three wide."""
@@ -59,13 +61,14 @@ def draw_picture(drawing: Drawing, side_px: int = SIDE_PX) -> ByteArray:
 
     Its longer side has so many pixels, without the legend.
     """
-    unlabelled = Sheet.of(drawing.bounds, 0.0)
+    shown = upright(drawing)
+    unlabelled = Sheet.of(shown.bounds, 0.0)
     metres_per_px = max(unlabelled.width, unlabelled.height) / side_px
-    sheet = Sheet.of(drawing.bounds, _LETTER_PX * metres_per_px)
+    sheet = Sheet.of(shown.bounds, _LETTER_PX * metres_per_px)
     frame = _frame(sheet, metres_per_px)
     cells = _cells_below(drawing, frame)
     words = f" - {drawing.name} - {counted(len(drawing.rooms), 'room')} - {drawing.area:.1f} m2"
-    shapes, labels = drawn_scene(drawing, sheet, words, drawing.doubts, turned=False)
+    shapes, labels = drawn_scene(shown, sheet, words, drawing.doubts, turned=False)
     page = blank(frame.shape, UNKNOWN_TINT)
     page[cells == FREE] = PAPER
     _fill_areas(page, shapes, frame)
@@ -85,7 +88,9 @@ def _frame(sheet: Sheet, metres_per_px: float) -> GridFrame:
 
 def _cells_below(drawing: Drawing, frame: GridFrame) -> ByteArray:
     """The map's cells under the pixels of a picture; free below the legend."""
-    places = frame.to_points(*np.indices(frame.shape))
+    sheet_places = frame.to_points(*np.indices(frame.shape))
+    back = np.radians(-turn_deg(drawing))
+    places = sheet_places @ unit_vectors(np.array([back, back + 0.5 * np.pi]))
     cells = values_at(drawing.grid.cells, drawing.grid.frame, places, UNKNOWN)
     legend_px = round(KEY_HEIGHT * _LETTER_PX)
     cells[-legend_px:] = FREE

@@ -1,4 +1,4 @@
-"""SVG to scale: user units are millimetres of the building, printed at 1:100; one group a layer.
+"""SVG to scale, upright: user units are millimetres of the building, printed at 1:100; one group a layer.
 
 The figures of the report (:mod:`slamgym.drawing.formats.html`) are drawn in the same way, to other scales.
 """
@@ -18,6 +18,7 @@ from slamgym.drawing.formats.look import (
     drawn_scene,
     format_part,
 )
+from slamgym.drawing.formats.upright import said_turn, turn_deg, turned, upright
 
 PRINTED = 100
 """Drawn 1 to this on paper."""
@@ -27,10 +28,12 @@ LETTERS = 1.8
 
 def format_svg(drawing: Drawing) -> str:
     """The text of the file."""
-    sheet = Sheet.of(drawing.bounds, 1e-3 * LETTERS * PRINTED)
+    shown = upright(drawing)
+    sheet = Sheet.of(shown.bounds, 1e-3 * LETTERS * PRINTED)
     words = f" · 1:{PRINTED} · {drawing.name} · {drawing.area:.1f} m²"
-    shapes, labels = drawn_scene(drawing, sheet, words, drawing.doubts)
-    shapes += [DrawnShape("RAW", "echo", part) for part in drawing.echoes]
+    shapes, labels = drawn_scene(shown, sheet, words, drawing.doubts)
+    angle = turn_deg(drawing)
+    shapes += [DrawnShape("RAW", "echo", turned(part, angle)) for part in drawing.echoes]
     layers = drawn_layers(shapes, labels, sheet)
     groups = [f'<g id="{name}">{"".join(parts)}</g>' for name, parts in layers.items()]
     width = 1000 * sheet.width
@@ -39,7 +42,8 @@ def format_svg(drawing: Drawing) -> str:
         "paper": f'width="{width / PRINTED:.2f}mm" height="{height / PRINTED:.2f}mm"',
         "view": f"0 0 {width:.1f} {height:.1f}",
         "name": markup(drawing.name),
-        "frame": f"x of the map = {sheet.left:.4f} m + x / 1000; y of the map = {sheet.top:.4f} m - y / 1000",
+        "frame": f"x of the map = {sheet.left:.4f} m + x / 1000; y of the map = {sheet.top:.4f} m - y / 1000"
+        f"{said_turn(drawing)}",
         "style": DRAWING_STYLE,
         "layers": "\n".join(groups),
     }
