@@ -187,6 +187,7 @@ COMMANDS = {
     ),
     "dataset render": Command("dataset.render:main", "make uniform square images for training"),
     "watch": Command("watch:main", "watch an exploration in a window, or write it as MP4 or GIF"),
+    "drive": Command("drive:main", "drive the robot by keys in a window, and see its map grow"),
     "agents train frontiers": Command(
         "agents.train:frontiers", "one that chooses frontiers", LEARNING
     ),

@@ -61,21 +61,22 @@ class WatchArguments(Arguments):
 
 def main(arguments: WatchArguments) -> None:
     """Run the command."""
-    plan = _choose_plan(arguments)
+    plan = choose_plan(arguments.plans, arguments.plan, arguments.seed)
     with contextlib.closing(_make_env(arguments, plan)) as env:
         _explore(env, plan, arguments)
     for path in filter(None, (arguments.out, arguments.rerun)):
         tell(f"{path}")
 
 
-def _choose_plan(arguments: WatchArguments) -> FloorPlan:
+def choose_plan(source: str, plan_id: str | None, seed: int) -> FloorPlan:
+    """A plan of a source by its id, or one that follows from the seed."""
     from slamgym.cad import open_plans, plan_groups
     from slamgym.dataset.generate.build import schedule_groups
 
-    plans = open_plans(arguments.plans)
-    if arguments.plan is None:
-        return plans.load(next(schedule_groups(plan_groups(plans), arguments.seed)).plan_id)
-    return plans.load(require_plan(arguments.plans, arguments.plan, plans.ids))
+    plans = open_plans(source)
+    if plan_id is None:
+        return plans.load(next(schedule_groups(plan_groups(plans), seed)).plan_id)
+    return plans.load(require_plan(source, plan_id, plans.ids))
 
 
 def _make_env(arguments: WatchArguments, plan: FloorPlan) -> ExploreEnv:

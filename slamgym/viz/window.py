@@ -6,6 +6,10 @@ from slamgym.core.errors import SlamgymError
 from slamgym.core.types import ByteArray
 
 
+class WindowClosedError(SlamgymError):
+    """A person closed the window."""
+
+
 class Window:
     """Shows pictures, at a steady rate if one is given.
 
@@ -29,6 +33,8 @@ class Window:
         self._rate = frames_per_second
         self._screen: Any = None
         self._clock = pygame.time.Clock()
+        self.held = set[str]()
+        """Names of the keys that are held down, as of the last picture."""
         try:
             pygame.display.init()
         except pygame.error as error:
@@ -38,7 +44,7 @@ class Window:
         """Show an RGB picture, shape (height, width, 3), and wait for the time of the next one.
 
         Raises:
-            SlamgymError: If there is no display, or the window was closed.
+            SlamgymError: If there is no display; :class:`WindowClosedError` if the window was closed.
         """
         pygame = self._pygame
         if self._screen is None:
@@ -47,9 +53,15 @@ class Window:
             except pygame.error as error:
                 raise _no_display(error) from None
             pygame.display.set_caption(self._title)
-        if pygame.event.get(pygame.QUIT):
-            raise SlamgymError("the window was closed before the end")
-        pygame.event.clear()
+        for event in pygame.event.get():
+            if event.type == pygame.QUIT:
+                raise WindowClosedError("the window was closed before the end")
+            if event.type == pygame.KEYDOWN:
+                self.held.add(pygame.key.name(event.key))
+            elif event.type == pygame.KEYUP:
+                self.held.discard(pygame.key.name(event.key))
+            elif event.type == pygame.WINDOWFOCUSLOST:  # the keys' ends go to another window
+                self.held.clear()
         self._screen.blit(pygame.surfarray.make_surface(picture.swapaxes(0, 1)), (0, 0))
         pygame.display.flip()
         self._clock.tick(self._rate)
