@@ -3,10 +3,8 @@
 A hook of mkdocs (see mkdocs.yml). What lies at the top of the repository is brought in with its links put right.
 """
 
-import ast
 import importlib
 import inspect
-import json
 import re
 import shutil
 import sys
@@ -15,6 +13,7 @@ from typing import Any
 
 from help_pages import help_pages
 from mkdocs.structure.files import File, Files
+from notebooks import tutorials
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 import figures
@@ -32,8 +31,8 @@ FACES = (
 )  # fmt: skip
 """Packages whose public names are the API."""
 ENVIRONMENTS = {
-    "slamgym/Explore-v3": "ExploreEnv",
-    "slamgym/ExploreFrontiers-v3": "ExploreFrontiersEnv",
+    "slamgym/Explore-v4": "ExploreEnv",
+    "slamgym/ExploreFrontiers-v4": "ExploreFrontiersEnv",
 }
 _PICTURE = re.compile(r"!\[([^\]]+)\]\((?:\.\./)*(images/[\w.]+)\)")
 _SNIPPET = re.compile(r"```py\n--8<-- \"(examples/(\w+)\.py)\"\n```")
@@ -57,7 +56,7 @@ def on_files(files: Files, config: Any) -> Files:
         "reference/environments.md": environments_page(),
         "reference/api.md": api_page(),
         "gallery.md": gallery_page(),
-        **{f"tutorials/{path.stem}.ipynb": notebook_of(path) for path in tutorials()},
+        **{f"tutorials/{path.stem}.ipynb": notebook_text(path.stem) for path in tutorials()},
         **{name: brought_in(ROOT / source) for source, name in BROUGHT_IN.items()},
     }
     for name, text in pages.items():
@@ -84,45 +83,10 @@ def brought_in(path: Path) -> str:
     return text
 
 
-def tutorials() -> list[Path]:
-    """The scripts that the tutorials' pages show."""
-    found = (
-        _SNIPPET.search(page.read_text())
-        for page in sorted((ROOT / "docs" / "tutorials").glob("*.md"))
-    )
-    return [ROOT / match[1] for match in found if match]
-
-
-def notebook_of(script: Path) -> str:
-    """A script as a Jupyter notebook: its docstring as text, then a cell for its imports and each part that follows."""
-    source = script.read_text()
-    lines, tree = source.splitlines(), ast.parse(source)
-    docstring, *nodes = tree.body
-    cells: list[tuple[str, str]] = [
-        ("markdown", ast.get_docstring(tree) or ""),
-        ("code", 'import sys\n\nsys.argv = [""]  # a notebook has no arguments'),
-    ]
-    begin = docstring.end_lineno or 0
-    imports = [node for node in nodes if isinstance(node, ast.Import | ast.ImportFrom)]
-    for node in [imports[-1], *(node for node in nodes if node not in imports)]:
-        end = node.end_lineno or begin
-        if lines[end - 1 : end] and "  # noqa" in lines[end - 1]:
-            lines[end - 1] = lines[end - 1].partition("  # noqa")[0]
-        cells.append(("code", "\n".join(lines[begin:end]).strip()))
-        begin = end
-    notebook = {
-        "cells": [
-            {
-                "cell_type": kind, "id": f"cell-{number}", "metadata": {}, "source": text,
-                **({"outputs": [], "execution_count": None} if kind == "code" else {}),
-            }
-            for number, (kind, text) in enumerate(cells)
-        ],
-        "metadata": {"language_info": {"name": "python"}},
-        "nbformat": 4,
-        "nbformat_minor": 5,
-    }  # fmt: skip
-    return json.dumps(notebook, indent=1) + "\n"
+def notebook_text(name: str) -> str:
+    """A tutorial's notebook, with results where `make site` has run it."""
+    found = [ROOT / "build" / "notebooks" / f"{name}.ipynb", ROOT / "examples" / f"{name}.ipynb"]
+    return next(path for path in found if path.exists()).read_text()
 
 
 def gallery_page() -> str:

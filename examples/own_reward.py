@@ -21,7 +21,7 @@ def keep_moving(step: StepRecord) -> float:
 def make_env(plans: str) -> gym.Env:
     """Three actions (ahead, left, right), a vector as observation, and the reward above beside the usual ones."""
     return gym.make(
-        "slamgym/ExploreDiscrete-v3",
+        "slamgym/ExploreDiscrete-v4",
         plans=plans,
         localization="ground_truth",
         observation={"preset": "compact"},

@@ -115,7 +115,7 @@ def main(args: Args) -> list[float]:
     torch.manual_seed(args.seed)
     torch.set_num_threads(1)
     envs = gym.make_vec(
-        "slamgym/Explore-v3",
+        "slamgym/Explore-v4",
         num_envs=args.num_envs,
         plans=args.plans,
         localization="ground_truth",

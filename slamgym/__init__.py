@@ -1,9 +1,9 @@
 """Floor plan in, honest SLAM map out, and the way back to CAD.
 
-Importing the package registers the environments ``slamgym/Explore-v3``, ``slamgym/ExploreDiscrete-v3``
-and ``slamgym/ExploreFrontiers-v3``.
+Importing the package registers the environments ``slamgym/Explore-v4``, ``slamgym/ExploreDiscrete-v4``
+and ``slamgym/ExploreFrontiers-v4``.
 Processes that a vector environment starts afresh may not have imported it: there,
-``gym.make("slamgym:slamgym/Explore-v3")`` does so by itself.
+``gym.make("slamgym:slamgym/Explore-v4")`` does so by itself.
 
 What most programs begin with is here; it is imported when it is first used:
 
@@ -34,17 +34,17 @@ __getattr__, __dir__, __all__ = lazy.attach_stub(__name__, __file__)
 # Names rather than classes, so that nothing heavy is imported before an environment is made. The environment
 # ends its episodes itself (time_limit), so Gymnasium's own limit stays off.
 register(
-    id="slamgym/Explore-v3",
+    id="slamgym/Explore-v4",
     entry_point="slamgym.envs.explore_env:ExploreEnv",
     vector_entry_point="slamgym.envs.batch.env:BatchExploreEnv",
 )
 register(
-    id="slamgym/ExploreDiscrete-v3",
+    id="slamgym/ExploreDiscrete-v4",
     entry_point="slamgym.envs.explore_env:ExploreEnv",
     vector_entry_point="slamgym.envs.batch.env:BatchExploreEnv",
     kwargs={"actions": "discrete"},
 )
 register(
-    id="slamgym/ExploreFrontiers-v3",
+    id="slamgym/ExploreFrontiers-v4",
     entry_point="slamgym.envs.explore_frontiers_env:ExploreFrontiersEnv",
 )

@@ -25,7 +25,7 @@ from slamgym.core.provenance import check_origin
 from slamgym.core.types import IntArray, Pose2D
 from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.envs.episode import fitted_env
-from slamgym.sim import ClutterConfig
+from slamgym.sim import ClutterConfig, LidarConfig
 
 BENCH = "slamgym-bench"
 """Name of the benchmark in its files."""
@@ -75,8 +75,11 @@ class Track:
 
     @property
     def trial(self) -> TrialConfig:
-        """Settings of each exploration: default mapper and sensors, the promise of 98 % with 95 % certainty."""
-        return TrialConfig(env=ExploreConfig(clutter=self.clutter))
+        """Settings of each exploration: default mapper and sensors, the promise of 98 % with 95 % certainty.
+
+        The laser measures all at once, as it did by default when version 1 was frozen.
+        """
+        return TrialConfig(env=ExploreConfig(lidar=LidarConfig(sweep=0.0), clutter=self.clutter))
 
     def quick(self) -> "Track":
         """The first :data:`QUICK` explorations."""

@@ -146,7 +146,7 @@ class TrainConfig(RunConfig):
 
 
 class WheelsConfig(RunConfig):
-    """A training run on ``slamgym/Explore-v3`` with the observations ``compact_far``, at true poses."""
+    """A training run on ``slamgym/Explore-v4`` with the observations ``compact_far``, at true poses."""
 
     steps: Count = 6_000_000
     """Decisions of all environments together."""

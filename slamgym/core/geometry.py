@@ -42,7 +42,7 @@ def inverse(a: Pose2D) -> Pose2D:
     sin = math.sin(a[2])
     x = -cos * a[0] - sin * a[1]
     y = sin * a[0] - cos * a[1]
-    return Pose2D(x, y, wrap_angle(float(-a[2])))
+    return Pose2D(x, y, math.pi - (math.pi + float(a[2])) % _TURN)
 
 
 def between(a: Pose2D, b: Pose2D) -> Pose2D:
@@ -68,7 +68,8 @@ def part_of(motion: Pose2D, share: float) -> Pose2D:
     cos = shortening * math.cos(back)
     sin = shortening * math.sin(back)
     x, y, turn = motion
-    return Pose2D(cos * x - sin * y, sin * x + cos * y, wrap_angle(share * float(turn)))
+    theta = math.pi - (math.pi - share * float(turn)) % _TURN
+    return Pose2D(cos * x - sin * y, sin * x + cos * y, theta)
 
 
 def transform_points(pose: Pose2D, points: FloatArray) -> FloatArray:

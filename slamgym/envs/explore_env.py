@@ -78,7 +78,7 @@ class ExploreEnv(gym.Env[Any, Any]):
     | 1   | turning rate, clockwise to counter-clockwise | -1  | 1   | 1.82 rad/s |
 
     With ``actions="physical"`` the same in m/s and rad/s. What exceeds the limits is cut off; acceleration is
-    limited too (2.5 m/s2, 3.2 rad/s2). With ``actions="discrete"``, as in ``slamgym/ExploreDiscrete-v3``,
+    limited too (2.5 m/s2, 3.2 rad/s2). With ``actions="discrete"``, as in ``slamgym/ExploreDiscrete-v4``,
     ``Discrete(3)``: 0 ahead at full speed, 1 turn left on the spot, 2 turn right, both at 1.82 rad/s.
 
     ## Observation Space

@@ -117,6 +117,9 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
             raise ConfigError(f"discount must lie in (0, 1], not {discount}")
         config = config or ExploreConfig(reward=FRONTIER_REWARD, time_limit=DEFAULT_TIME_LIMIT)
         asked = resolve_config(config, settings)
+        self._is_sketched = drive == "path"
+        if self._is_sketched:  # it stands while it scans
+            asked = dataclasses.replace(asked, lidar=dataclasses.replace(asked.lidar, sweep=0.0))
         self.loop_config: ExplorationLoopConfig = resolve_part(
             "loop", ExplorationLoopConfig(max_candidates=MOST_FRONTIERS), loop or {}
         )
@@ -131,7 +134,6 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         self.inner = ExploreEnv(
             plans, self.config, render_mode=render_mode, reward_terms=reward_terms
         )
-        self._is_sketched = drive == "path"
         if self._is_sketched and self.config.slam.mode != "ground_truth":
             raise ConfigError('drive="path" needs localization="ground_truth"')
         self._stride = max(1, round(STRIDE / self.config.control_step))  # [control steps]

@@ -89,7 +89,7 @@ def map_along_path(
     if not (cad.cells == FREE).any():
         raise PlanError(plan.id, "has no free cell; use a finer resolution or another plan")
     used = np.searchsorted(path.stamps, estimate.stamps)
-    stamps = estimate.stamps - env.lidar.sweep
+    stamps = estimate.stamps - env.lidar.scan_time
     believed = estimate.poses + np.array([start_x, start_y, 0.0])
     visibility = observe(cad.cells != FREE, frame, begins[used], _view(env))
     forward = displacements(begins[used], believed, visibility)
@@ -110,7 +110,7 @@ def _begins_of_sweeps(path: Trajectory, env: ExploreConfig) -> FloatArray:
     """Poses at the scans' first beams, (T, 3), which are those that mappers seek."""
     last_step = np.diff(path.poses, axis=0, prepend=path.poses[:1])
     last_step[:, 2] = wrap_angle(last_step[:, 2])
-    sweep = env.lidar.sweep / env.control_step  # in steps
+    sweep = env.lidar.scan_time / env.control_step  # in steps
     return path.poses - sweep * last_step
 
 
@@ -139,7 +139,7 @@ def _map(
     mapper = make_mapper(slam, lidar.geometry, Pose2D(0.0, 0.0, first.theta), of_mapper)
     gate = OdometryGate(update_thresholds(slam))
     odometry = np.empty_like(path.poses)
-    share = env.lidar.sweep / step
+    share = env.lidar.scan_time / step
     unseen = np.empty(0, dtype=np.float32)
     stamped_poses = zip(path.stamps.tolist(), path.poses.tolist(), strict=True)
     for index, (stamp, pose) in enumerate(stamped_poses):

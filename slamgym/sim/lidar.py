@@ -63,10 +63,11 @@ class LidarConfig(Settings, section="lidar"):
     """Sensor in the robot's base frame (x, y, theta), from the Waffle Pi's ``base_scan`` joint [m, m,
     rad]."""
 
-    sweep: NonNegative = 0.0
-    """Time from the first beam of a scan, whose stamp it has, to its last, which is now [s]; at most ``1 / rate``. A
-    robot that turns at 1.8 rad/s skews a scan of 0.2 s by 0.36 rad, which mappers take out by odometry. 0: all at once,
-    as in Gazebo."""
+    sweep: NonNegative | None = None
+    """Time from the first beam of a scan, whose stamp it has, to its last, which is now [s]; at most ``1 / rate``.
+    None: as of a mirror that turns once from a scan to the next, 0.1 s for 180 degrees at 5 Hz. A robot that turns at
+    1.8 rad/s skews such a scan by 0.18 rad, which mappers take out by odometry. 0: all at once, as in Gazebo and by the
+    levels ``exact`` and ``gazebo``."""
 
     sigma: NonNegative = 0.0033
     """Least standard deviation of a range; the LDS-01 data sheet's precision of 10 mm below 0.5 m, taken for
@@ -103,7 +104,7 @@ class LidarConfig(Settings, section="lidar"):
             raise ConfigError(
                 f"lidar.range_min must be less than lidar.range_max, not {self.range_min} and {self.range_max}"
             )
-        if self.sweep > 1.0 / self.rate:
+        if (self.sweep or 0.0) > 1.0 / self.rate:
             raise ConfigError(
                 f"lidar.sweep must not exceed the time between scans, {1.0 / self.rate:g} s, not {self.sweep}"
             )
@@ -113,23 +114,33 @@ class LidarConfig(Settings, section="lidar"):
             )
 
     @property
+    def _increment(self) -> float:
+        """From a beam to the next [rad]."""
+        gaps = self.num_beams if self.field_of_view_deg == 360.0 else self.num_beams - 1
+        return math.radians(self.field_of_view_deg) / gaps
+
+    @property
+    def scan_time(self) -> float:
+        """Time from the first beam of a scan to its last [s]."""
+        if self.sweep is not None:
+            return float(self.sweep)
+        return (self.num_beams - 1) * self._increment / (2.0 * math.pi * self.rate)
+
+    @property
     def geometry(self) -> LaserGeometry:
         """The beams.
 
         Convention: beam 0 is the rightmost. A full turn has its last beam one increment before its first; a
         part of a turn has a beam at either end, so 180 beams over 180 degrees are 180/179 degrees apart.
         """
-        full_turn = self.field_of_view_deg == 360.0
-        view = math.radians(self.field_of_view_deg)
-        increment = view / (self.num_beams if full_turn else self.num_beams - 1)
         return LaserGeometry(
             num_beams=self.num_beams,
-            angle_min=-0.5 * view,
-            angle_increment=increment,
+            angle_min=-0.5 * math.radians(self.field_of_view_deg),
+            angle_increment=self._increment,
             range_min=self.range_min,
             range_max=self.range_max,
             mount=Pose2D(*self.mount),
-            time_increment=self.sweep / (self.num_beams - 1),
+            time_increment=self.scan_time / (self.num_beams - 1),
         )
 
 
@@ -145,13 +156,14 @@ _EXACT = LidarConfig(
     stray=0.0,
     bursts=0.0,
     surfaces=SurfaceConfig(),
+    sweep=0.0,
 )
-"""A scanner without errors, in a building of matt white walls."""
+"""A scanner without errors that measures all at once, in a building of matt white walls."""
 
 _LEVELS: dict[LidarLevel, LidarConfig] = {
     "exact": _EXACT,
     "gazebo": replace(_EXACT, sigma=0.01),
-    "lds01": replace(_EXACT, sigma=0.0033, sigma_relative=0.035 / 3.0, bias=1.0),
+    "lds01": replace(_EXACT, sigma=0.0033, sigma_relative=0.035 / 3.0, bias=1.0, sweep=None),
     "real": LidarConfig(surfaces=REAL_SURFACES),
 }
 """The errors of each level, with the beams and ranges of the LDS-01."""
@@ -166,7 +178,8 @@ def lidar_level(name: str, geometry: LidarConfig | None = None) -> LidarConfig:
 
     Args:
         name: The level.
-        geometry: Settings whose beams and ranges are kept; the default LDS-01 where left out.
+        geometry: Settings whose beams and ranges are kept, and the time of its scans if it names one; the default
+            LDS-01 where left out.
 
     Raises:
         ConfigError: If there is no such level.
@@ -182,7 +195,7 @@ def lidar_level(name: str, geometry: LidarConfig | None = None) -> LidarConfig:
                 range_max=beams.range_max,
                 rate=beams.rate,
                 mount=beams.mount,
-                sweep=beams.sweep,
+                sweep=errors.sweep if beams.sweep is None else beams.sweep,
             )
     raise ConfigError(f"unknown lidar level {name!r}; {suggest(name, _LEVELS)}")
 
@@ -227,7 +240,9 @@ class Lidar:
             float(config.attenuation),
         )
         self._law = plain(self.law)
-        self.is_perfect = config == lidar_level("exact", config)
+        self.is_perfect = replace(config, sweep=0.0) == lidar_level(
+            "exact", replace(config, sweep=0.0)
+        )
 
     def look(
         self, pose: Pose2D, segments: FloatArray, velocity: Twist2D = Twist2D(0.0, 0.0)
@@ -249,7 +264,7 @@ class Lidar:
             segments.flags.writeable = False
         ranges = np.empty(geometry.num_beams)
         hits = np.empty(geometry.num_beams, dtype=np.int64)
-        sweep = self.config.sweep
+        sweep = self.config.scan_time
         sensors = look_along(
             plain(pose),
             plain(geometry.mount),

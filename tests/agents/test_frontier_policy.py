@@ -221,7 +221,7 @@ def rewrite(path, change):
             lambda c: c["space"]["candidate_features"].pop(),
             "another observation space .candidate_features",
         ),
-        (lambda c: c["space"].update(env="slamgym/Explore-v3"), "another observation space .env"),
+        (lambda c: c["space"].update(env="slamgym/Explore-v4"), "another observation space .env"),
         (lambda c: c["network"].update(width=32), "another observation space .width 32"),
         (lambda c: c["network"].update(blocks=3), "another observation space .blocks 3"),
         (lambda c: c.pop("space"), "no frontier policy"),

@@ -40,7 +40,7 @@ def test_explorations_become_a_minari_dataset(tmp_path, monkeypatch, capsys):
         episode.observations["mask"][:-1], episode.actions[:, None], axis=1
     )
     assert (offered > 0.5).all()
-    assert dataset.spec.env_spec.id == "slamgym/ExploreFrontiers-v3"
+    assert dataset.spec.env_spec.id == "slamgym/ExploreFrontiers-v4"
     with pytest.raises(ConfigError, match=r"homes/test-v0.*choose another id"):
         cli.TABLE.run("slamgym", [*words[:-1], "1", "--localization", "ground_truth"])
 

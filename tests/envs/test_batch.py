@@ -137,7 +137,7 @@ CASES = {
         AutoresetMode.DISABLED,
         {
             "localization": "dead_reckoning",
-            "lidar": {"sweep": 0.2, "field_of_view_deg": 360.0},
+            "lidar": {"num_beams": 360, "field_of_view_deg": 360.0},
             "observation": {"preset": "compact"},
         },
     ),
@@ -231,7 +231,7 @@ def test_an_explored_room_ends_the_episode(hall):
 def test_gymnasium_makes_it_by_name():
     assert slamgym.__version__
     envs = gym.make_vec(
-        "slamgym/ExploreDiscrete-v3",
+        "slamgym/ExploreDiscrete-v4",
         num_envs=2,
         vectorization_mode="vector_entry_point",
         localization="ground_truth",

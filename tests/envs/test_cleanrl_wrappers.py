@@ -8,7 +8,7 @@ import slamgym  # noqa: F401 - registers the environments
 
 def test_flattened_and_normalised_observations_step_in_a_vector():
     def make():
-        env = gym.make("slamgym/Explore-v3", localization="ground_truth")
+        env = gym.make("slamgym/Explore-v4", localization="ground_truth")
         env = gym.wrappers.FlattenObservation(env)
         env = gym.wrappers.RecordEpisodeStatistics(env)
         env = gym.wrappers.ClipAction(env)

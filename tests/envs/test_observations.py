@@ -164,7 +164,7 @@ def test_the_place_of_the_plan_in_the_world_does_not_show(mode: str, flat: Floor
 def test_pose_is_the_belief_in_the_map_frame(flat: FloorPlan):
     env = ExploreEnv(flat, odometry="high", localization="dead_reckoning")
     observation = observations(env, (2.0, 2.0, 0.3))[-1]
-    assert observation["pose"] == pytest.approx(env.mapper.pose, abs=1e-6)
+    assert observation["pose"] == pytest.approx(env.simulation.believed_pose, abs=1e-6)
     assert observation["pose"] == pytest.approx(env.simulation.odometry_pose, abs=1e-6)
     assert not np.allclose(
         observation["pose"][:2] + np.array([2.0, 2.0]), env.simulation.true_pose[:2], atol=1e-3

@@ -66,7 +66,7 @@ def test_a_robot_that_stands_ends_as_stuck_and_only_if_asked(mode):
     assert 60.0 <= episode.robot_seconds < 180.0
     waits = explored(standing, minutes=2, env=env)
     assert waits.finished == "time_limit"
-    assert waits.robot_seconds == pytest.approx(120.0)
+    assert waits.robot_seconds == pytest.approx(120.0, abs=0.2)  # by the last scan
 
 
 def test_an_exploration_that_gets_on_is_what_it_was():

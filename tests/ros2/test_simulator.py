@@ -22,7 +22,7 @@ from slamgym.ros2.sim_clock import BEGIN
 from slamgym.ros2.simulator import SimNode
 from slamgym.sim import LidarConfig, lidar_level, odometry_level
 
-CONFIG = ExploreConfig()
+CONFIG = ExploreConfig(lidar=LidarConfig(sweep=0.0))
 STEP = CONFIG.control_step
 FAST = {"speed": 0.0}
 
@@ -45,7 +45,13 @@ def commands(count):
 
 def environment(seed, drive, **options):
     """Scans, true poses, odometry and coverage of an environment."""
-    env = ExploreEnv("bundled", localization="dead_reckoning", actions="physical", record=True)
+    env = ExploreEnv(
+        "bundled",
+        localization="dead_reckoning",
+        actions="physical",
+        record=True,
+        lidar=CONFIG.lidar,
+    )
     _, info = env.reset(seed=seed, options=options or None)
     for action in drive:
         info = env.step(np.array(action))[4]

@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from minari.data_collector import EpisodeBuffer
 
 OFFLINE = Extra("offline", ("minari", "pyarrow"))
-ENVIRONMENT = "slamgym/ExploreFrontiers-v3"
+ENVIRONMENT = "slamgym/ExploreFrontiers-v4"
 _ID = re.compile(r"(\w[\w-]*/)*\w[\w-]*-v\d+")
 LOCALIZATION = {"slam": "pose_graph", "ground_truth": "ground_truth"}
 
 
 class RecordArguments(Arguments):
-    """Record explorations as a Minari dataset: observations, choices and rewards of slamgym/ExploreFrontiers-v3.
+    """Record explorations as a Minari dataset: observations, choices and rewards of slamgym/ExploreFrontiers-v4.
 
     `minari.load_dataset(ID)` reads it, and so do the libraries for offline reinforcement learning. The same seed gives
     the same episodes.

@@ -51,8 +51,8 @@ class Beliefs:
 
     Args:
         fleet: The robots.
-        prefers_kernels: True to map by kernels where they can, which takes known poses, instant scans and an
-            observation of the map's surroundings; else each robot has a mapper of its own.
+        prefers_kernels: True to map by kernels where they can, which takes known poses and an observation of the
+            map's surroundings; else each robot has a mapper of its own.
 
     Attributes:
         fleet: As given.
@@ -73,12 +73,12 @@ class Beliefs:
         self.maps = Maps.blank(len(fleet))
         self.map_model = _map_model(config, fleet.lidar.geometry)
         has_known_poses = slam.mode in ("ground_truth", "dead_reckoning")
-        can_map = has_known_poses and slam.counting == "beams" and config.lidar.sweep == 0.0
+        can_map = has_known_poses and slam.counting == "beams"
         self.is_mapped_together = (
             prefers_kernels and can_map and not config.observation.is_whole_map
         )
         self.ranges: Float32Array = fleet.scans.ranges
-        if config.lidar.sweep:
+        if config.lidar.scan_time:
             self.ranges = np.zeros_like(fleet.scans.ranges)
 
     def mapper(self, index: int) -> Mapper:
@@ -175,8 +175,9 @@ class Beliefs:
             fleet.scanner,
             plain(self.map_model),
             ids,
-            fleet.times,
+            fleet.times - self.fleet.config.lidar.scan_time,
             is_published,
+            self.ranges,
             self.target.view,
             self.target.out,
         )

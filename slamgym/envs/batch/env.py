@@ -31,7 +31,7 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
     """Many of :class:`~slamgym.envs.ExploreEnv` in one process, each step computed by kernels over all of them.
 
     The step is the single environment's: the same seeds and actions give the same, to the byte.
-    ``gym.make_vec("slamgym/Explore-v3", num_envs=64)`` makes it.
+    ``gym.make_vec("slamgym/Explore-v4", num_envs=64)`` makes it.
 
     Not in a batch: a log of every scan, and rendering; each is refused with one sentence. Maps are drawn by kernels
     where poses are known, scans are taken at once and the observation shows the map about the robot, else each robot

@@ -331,7 +331,7 @@ def _scan_model(config: ExploreConfig, lidar: Lidar) -> ScanModel:
         lost=float(config.lidar.lost),
         stray=float(config.lidar.stray),
         usable=float(config.usable_range),
-        sweep=float(config.lidar.sweep / config.control_step),
+        sweep=config.lidar.scan_time / config.control_step,
     )
 
 

@@ -1,6 +1,9 @@
 """Maps of robots with known poses: kernels that loop over robots, as :mod:`slamgym.envs.batch.stepping` has them."""
 
+import math
 from typing import Any
+
+import numpy as np
 
 from slamgym.core import geometry
 from slamgym.core.jit import kernel
@@ -10,20 +13,30 @@ from slamgym.envs.batch.stepping import look_all, pose_at, put_pose
 from slamgym.envs.compact import write_compact
 from slamgym.envs.observations import cut_crop
 from slamgym.envs.turned_reading import CellBox, Place, Tiles
+from slamgym.sim.beams import BeamModel
+from slamgym.slam.deskew import take_at_once
 from slamgym.slam.hit_count_kernels import cells_of, classify_counts, draw_scans
 from slamgym.slam.motion_model import add_way, is_far_enough
 
 _compose: Any = kernel(geometry.compose)
 _between = kernel(geometry.between)
+_inverse = kernel(geometry.inverse)
+_part_of = kernel(geometry.part_of)
 _add_way = kernel(add_way)
 _is_far_enough = kernel(is_far_enough)
 _VELOCITY = Robots._fields.index("velocity")
-_RANGES = Scans._fields.index("ranges")
 
 
 @kernel
 def map_all(
-    robots: Robots, scans: Scans, maps: Maps, model: MapModel, ids: IntArray, times: FloatArray
+    robots: Robots,
+    scans: Scans,
+    maps: Maps,
+    scanner: ScanModel,
+    model: MapModel,
+    ids: IntArray,
+    stamps: FloatArray,
+    seen: Float32Array,
 ) -> None:
     """Let the robots believe their poses and draw the scans that are due; see :class:`slamgym.slam.PoseTracker`.
 
@@ -31,32 +44,102 @@ def map_all(
         robots: Where they stand, or believe to.
         scans: The newest scans.
         maps: Changed in place.
+        scanner: The scanner.
         model: How maps are drawn.
         ids: Environments.
-        times: Robot time, shape (N,) [s].
+        stamps: Times of the scans' first beams, shape (N,) [s].
+        seen: Receives the scans as seen from where the robots are now, shape (N, num_beams) [m]; the scans' own ranges
+            of a laser that measures all at once.
     """
     robots = Robots(*robots)
     scans = Scans(*scans)
     maps = Maps(*maps)
+    scanner = ScanModel(*scanner)
     model = MapModel(*model)
     for i in ids:
+        motion = _in_scan(robots.moved, scanner, i)
+        if scanner.sweep > 0.0:
+            _see_from_end(scans.ranges[i], scanner, motion, seen[i])
         if model.believes_truth:
             true = robots.pose[i]
             start = robots.start[i]
             odometry = Pose2D(true[0] - start[0], true[1] - start[1], true[2])
+            motion = _in_scan(robots.driven, scanner, i)
         else:
             odometry = pose_at(robots.odometry, i)
-        maps.is_new[i] = _is_processed(maps, model, i, odometry, times[i])
+        if not _is_rest(motion):
+            odometry = _compose(odometry, _inverse(motion))
+        maps.is_new[i] = _is_processed(maps, model, i, odometry, stamps[i])
         moved = _between(pose_at(maps.processed, i), odometry)
         believed = _compose(pose_at(maps.anchor, i), moved)
         if maps.is_new[i]:
             put_pose(maps.anchor, i, believed)
             put_pose(maps.processed, i, odometry)
-            maps.since[i, 0] = times[i]
+            maps.since[i, 0] = stamps[i]
             maps.since[i, 1:] = 0.0
-            _draw(maps, model, i, scans.ranges)
+            _draw(maps, model, i, _seen_from_begin(scans.ranges[i : i + 1], scanner, motion))
             believed = _compose(believed, _between(odometry, odometry))
+        if not _is_rest(motion):
+            believed = _compose(believed, motion)
         put_pose(maps.believed, i, believed)
+
+
+@kernel
+def _in_scan(motions: FloatArray, scanner: ScanModel, i: int) -> Pose2D:
+    """The part of a step's motion that fell into the scan: its end, at the same speeds."""
+    if scanner.sweep == 0.0:
+        return Pose2D(0.0, 0.0, 0.0)
+    return _part_of(pose_at(motions, i), scanner.sweep)
+
+
+@kernel
+def _is_rest(motion: Pose2D) -> bool:
+    return motion[0] == 0.0 and motion[1] == 0.0 and motion[2] == 0.0
+
+
+@kernel
+def _of_sensor(motion: Pose2D, scanner: ScanModel) -> tuple[float, float, float]:
+    """A motion of the base as one of the sensor, seen from where it was before."""
+    x, y, theta = scanner.mount
+    mount = Pose2D(x, y, theta)
+    moved = _compose(_compose(_inverse(mount), motion), mount)
+    return moved[0], moved[1], moved[2]
+
+
+@kernel
+def _take_at_once(
+    ranges: Float32Array, scanner: ScanModel, motion: Pose2D, is_backwards: bool, out: Float32Array
+) -> None:
+    """As :func:`slamgym.slam.deskew.deskewed`, nan where no beam has met a direction."""
+    law = BeamModel(*scanner.law)
+    moved = _of_sensor(motion, scanner)
+    begin = law.angle_min
+    out[:] = np.nan
+    take_at_once(ranges, begin, law.angle_increment, law.range_max, moved, is_backwards, out)
+
+
+@kernel
+def _seen_from_begin(ranges: Float32Array, scanner: ScanModel, motion: Pose2D) -> Float32Array:
+    """A scan, shape (1, num_beams) [m], as it was seen from its first beam's pose."""
+    if _is_rest(motion):
+        return ranges
+    seen = np.empty_like(ranges)
+    _take_at_once(ranges[0], scanner, motion, False, seen[0])
+    return seen
+
+
+@kernel
+def _see_from_end(
+    ranges: Float32Array, scanner: ScanModel, motion: Pose2D, out: Float32Array
+) -> None:
+    """Write a scan as it is seen from its last beam's pose; infinite where it saw nothing."""
+    if _is_rest(motion):
+        out[:] = ranges
+        return
+    _take_at_once(ranges, scanner, _inverse(motion), True, out)
+    for k in range(len(out)):
+        if math.isnan(out[k]):
+            out[k] = np.inf
 
 
 @kernel
@@ -76,13 +159,13 @@ def _is_processed(maps: Maps, model: MapModel, i: int, odometry: Pose2D, time: f
 
 @kernel
 def _draw(maps: Maps, model: MapModel, i: int, ranges: Float32Array) -> None:
-    """Draw a scan from the last processed pose."""
+    """Draw a scan, shape (1, num_beams) [m], from the last processed pose."""
     rows, cols = maps.shape[i]
     counts = _counts(maps, i)
     corner = _corner(maps, i)
     resolution = model.resolution
     poses = maps.anchor[i : i + 1]
-    bounds = draw_scans(counts, corner, resolution, poses, ranges[i : i + 1], model.beams[:], 1)  # type: ignore[arg-type]
+    bounds = draw_scans(counts, corner, resolution, poses, ranges, model.beams[:], 1)  # type: ignore[arg-type]
     top, left, bottom, right = cells_of(bounds, corner, resolution)
     if top < 0 or left < 0 or bottom >= rows or right >= cols:
         return  # beliefs have drifted so far that the map doesn't cover the scan
@@ -140,8 +223,9 @@ def sense_all(
     scanner: ScanModel,
     model: MapModel,
     ids: IntArray,
-    times: FloatArray,
+    stamps: FloatArray,
     is_published: BoolArray,
+    seen: Float32Array,
     view: tuple[float, Any],
     out: Any,
 ) -> None:
@@ -155,8 +239,9 @@ def sense_all(
         scanner: The scanner.
         model: How maps are drawn.
         ids: Environments.
-        times: Robot time, shape (N,) [s].
+        stamps: As for :func:`map_all`.
         is_published: Whose map is published now, shape (N,).
+        seen: As for :func:`map_all`.
         view: Side of the crop and limits for :func:`slamgym.envs.compact.write_compact`, or what
             :func:`slamgym.envs.observations.crop_points` says.
         out: Receives observations of the preset ``compact``, shape (N, n), or crops, shape (N, 1, h, w).
@@ -164,17 +249,16 @@ def sense_all(
     all_maps = Maps(*maps)
     how = MapModel(*model)
     velocities = robots[_VELOCITY]
-    all_ranges = scans[_RANGES]
     for k in range(len(ids)):
         i = ids[k]
         one = ids[k : k + 1]
         look_all(robots, scenes, scanner, scans, one)
-        map_all(robots, scans, maps, model, one, times)
+        map_all(robots, scans, maps, scanner, model, one, stamps, seen)
         tiles = _tiles(all_maps, i, how.resolution)
         pose = all_maps.believed[i]
         if is_published[i] and not how.keeps_current:
             _classify(all_maps, how, i, tiles[3])
         if out.ndim == 2:
-            write_compact(tiles, pose, view[0], all_ranges[i], velocities[i], view[1], out[i])
+            write_compact(tiles, pose, view[0], seen[i], velocities[i], view[1], out[i])
         else:
             cut_crop(tiles, pose, view[0], view[1], out[i, 0])

@@ -111,7 +111,7 @@ class SimulatedRobot:
     def scan(self) -> LaserScan:
         """The newest scan; its motion is that of the odometry."""
         lidar = self._fleet.lidar
-        stamp = self.time - lidar.config.sweep
+        stamp = self.time - lidar.config.scan_time
         ranges = self._fleet.scans.ranges[self._index].copy()
         return LaserScan(stamp, ranges, lidar.geometry, self._in_scan(self._fleet.robots.moved))
 
@@ -128,9 +128,9 @@ class SimulatedRobot:
     def _in_scan(self, motions: FloatArray) -> Pose2D:
         """The part of a step's motion that fell into the scan: its end, at the same speeds."""
         config = self._fleet.config
-        if not config.lidar.sweep:
+        if not config.lidar.scan_time:
             return AT_REST
-        return part_of(self._pose(motions), config.lidar.sweep / config.control_step)
+        return part_of(self._pose(motions), config.lidar.scan_time / config.control_step)
 
 
 def before(pose: Pose2D, motion: Pose2D) -> Pose2D:
