@@ -186,6 +186,9 @@ COMMANDS = {
         "dataset.folders:split", "put plans, with their near-duplicates, on a side"
     ),
     "dataset render": Command("dataset.render:main", "make uniform square images for training"),
+    "dataset pack": Command(
+        "dataset.folders:pack", "images as Parquet or WebDataset shards, with card and checksums"
+    ),
     "watch": Command("watch:main", "watch an exploration in a window, or write it as MP4 or GIF"),
     "drive": Command("drive:main", "drive the robot by keys in a window, and see its map grow"),
     "agents train frontiers": Command(

@@ -37,6 +37,8 @@ class Extra(NamedTuple):
 
 LEARNING = Extra("agents", ("torch", "stable_baselines3", "tensorboard", "matplotlib"))
 TRANSLATING = Extra("gan", ("torch", "safetensors"))
+PARQUET = Extra("hub", ("datasets", "pyarrow"))
+WEBDATASET = Extra("hub", ("webdataset",))
 ROS2 = Extra(
     "ros2",
     ("rclpy", "nav_msgs", "sensor_msgs", "std_srvs", "visualization_msgs", "diagnostic_msgs"),

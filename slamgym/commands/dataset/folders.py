@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import tyro
 
-from slamgym.core.config import Arguments, Seed
+from slamgym.commands.frame import Out
+from slamgym.core.config import Arguments, Count, Seed
+from slamgym.core.errors import ConfigError
 from slamgym.core.progress import counted, show_progress, tell
 
 if TYPE_CHECKING:
@@ -114,3 +117,52 @@ def split(arguments: SplitArguments) -> None:
         f"{split_path(arguments.dataset)}: {counted(train, 'plan')} for training, {test} for testing "
         f"({alike} of them a look-alike of another)"
     )
+
+
+class PackArguments(Arguments):
+    """Pack rendered images for publication, in a new folder: shards, card, licence, checksums (SHA256SUMS).
+
+    The plans' licences decide under which licence the images may be given away: HouseExpo's is MIT.
+    """
+
+    images: tyro.conf.Positional[Path]
+    """A folder that `slamgym dataset render` has written."""
+    out: Out
+    """The new folder."""
+    licence: str
+    """Name of the licence as the Hugging Face hub has it: mit, cc-by-4.0, ..."""
+    notice: Path | None = None
+    """A file with its text, which comes along as LICENSE."""
+    kind: Literal["parquet", "webdataset"] = "parquet"
+    """Parquet for Hugging Face's `datasets`, or tar files that `webdataset` streams."""
+    pairs_per_shard: Count = 2000
+    """About 30 MB at 256 pixels."""
+
+    def _check(self) -> None:
+        if not re.fullmatch(r"[a-z0-9][a-z0-9.+-]*", self.licence):
+            raise ConfigError(
+                f"--licence must be a name such as mit or cc-by-4.0, not {self.licence!r}"
+            )
+
+
+def pack(arguments: PackArguments) -> None:
+    """Run ``slamgym dataset pack``."""
+    from slamgym.commands.frame import PARQUET, WEBDATASET, require
+    from slamgym.dataset.format import count_lines, require_manifest
+    from slamgym.dataset.images.pack import pack_images
+
+    require(PARQUET if arguments.kind == "parquet" else WEBDATASET, "slamgym dataset pack")
+    manifest = arguments.images / "manifest.jsonl"
+    require_manifest(manifest, "slamgym dataset render")
+    with show_progress("pairs packed", 0, count_lines(manifest)) as advance:
+        sides = pack_images(
+            arguments.images,
+            arguments.out,
+            arguments.kind,
+            arguments.licence,
+            arguments.notice,
+            arguments.pairs_per_shard,
+            advance,
+        )
+    counts = ", ".join(f"{count} {side}" for side, count in sides.items())
+    tell(f"{arguments.out}: {counted(sum(sides.values()), 'pair')} ({counts})")
