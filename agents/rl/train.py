@@ -5,16 +5,17 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import gymnasium as gym
+import torch
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
 
 from slamgym import __version__
-from slamgym.agents.pretrained_policy import write_policy
+from slamgym.agents.pretrained_policy import read_policy, write_policy
 from slamgym.agents.rl.environments import explore_plan, make_env, mean_figures
 from slamgym.agents.rl.policy import FrontierPolicy
 from slamgym.agents.rl.run import PolicyLearner, learn_policy
-from slamgym.agents.rl.train_config import FURNISHED, TrainConfig
+from slamgym.agents.rl.train_config import FURNISHED, STARTS, TrainConfig
 from slamgym.agents.rl.whole_episodes import WholeEpisodeBuffer, WholeEpisodeRollouts, WholeEpisodes
 from slamgym.cad import FloorPlan
 from slamgym.core.config import to_dict
@@ -40,6 +41,9 @@ class FrontierLearner(PolicyLearner[TrainConfig]):
     Args:
         config: The run.
         reward_terms: Terms of the user's own.
+
+    Raises:
+        InputFileError: If the weights that it starts from can't be read, or are of another network.
     """
 
     unit = "decision"
@@ -52,6 +56,7 @@ class FrontierLearner(PolicyLearner[TrainConfig]):
     def __init__(self, config: TrainConfig, reward_terms: RewardTerms | None = None) -> None:
         super().__init__(config)
         self._terms = reward_terms
+        self._begin = None if config.start in STARTS else read_policy(config.start)[0]
 
     def make(self, plans: Sequence[FloorPlan]) -> OnPolicyAlgorithm:
         """The learner on its environments."""
@@ -90,8 +95,12 @@ class FrontierLearner(PolicyLearner[TrainConfig]):
             rollout_buffer_class=WholeEpisodeBuffer,
             rollout_buffer_kwargs={"copies": config.copies, "discount": discount},
         )
+        network: Any = model.policy.features_extractor.network
         if config.start == "tour":
-            model.policy.features_extractor.network.follow_the_tour()
+            network.follow_the_tour()
+        if self._begin is not None:
+            weights = {name: torch.tensor(value) for name, value in self._begin.items()}
+            network.load_state_dict(weights)
         return model
 
     def validate(self, policy: Path, plans: Sequence[FloorPlan]) -> dict[str, float]:

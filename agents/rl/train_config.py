@@ -5,7 +5,7 @@ from typing import Literal
 
 from slamgym.agents.rl.learner import LearnerConfig
 from slamgym.cad.plan_filter import AREA
-from slamgym.core.config import Count, CountOrZero, Positive, Seed, Settings, Share
+from slamgym.core.config import Count, CountOrZero, Positive, Seed, Settings, Share, suggest
 from slamgym.core.errors import ConfigError
 from slamgym.envs.rewards import FRONTIER_REWARD, RewardConfig
 from slamgym.sim import ClutterConfig
@@ -15,6 +15,8 @@ POLICY = "policy.safetensors"
 BEST = "best.safetensors"
 """... and of the best by validation."""
 
+STARTS = ("scratch", "tour")
+"""Weights with which a policy that chooses frontiers begins, if not a file's."""
 FURNISHED = ClutterConfig(furniture=1.0, untidiness=0.3, doors=0.5)
 """Furniture of furnished buildings: as on the track ``furnished`` of the benchmark."""
 
@@ -112,8 +114,9 @@ class TrainConfig(RunConfig):
     of 114 m2, and what is learned serves both."""
     steps: CountOrZero = 100_000
     """Decisions of all environments together."""
-    start: Literal["scratch", "tour"] = "scratch"
-    """``scratch``: weights at random, which choose at random; ``tour``: weights that choose as the rule ``tour``."""
+    start: str = "scratch"
+    """``scratch``: weights at random, which choose at random; ``tour``: weights that choose as the rule ``tour``; or a
+    file of weights, ``run/policy.safetensors``, to go on with other settings."""
     num_envs: Count = 32
     """Explorations of a rollout. 64 learned as much in each rollout, and so half as much in the same time."""
     copies: Count = 4
@@ -139,6 +142,10 @@ class TrainConfig(RunConfig):
     """Robot time of an exploration of training [s]."""
 
     def _check(self) -> None:
+        if self.start not in STARTS and not self.start.endswith(".safetensors"):
+            raise ConfigError(
+                f"start must be scratch, tour or a file of weights, not {self.start!r}; {suggest(self.start, STARTS)}"
+            )
         if self.num_envs % self.copies:
             raise ConfigError(
                 f"num_envs ({self.num_envs}) must be a multiple of copies ({self.copies})"

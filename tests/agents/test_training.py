@@ -104,6 +104,21 @@ def test_a_checkpoint_gives_the_learner_back_and_is_no_pickle(tmp_path):
         torch.testing.assert_close(again.get_parameters()[name], state, rtol=0.0, atol=0.0)
 
 
+def test_a_run_begins_with_the_weights_of_another(tmp_path):
+    train(TINY, tmp_path / "first")
+    weights = tmp_path / "first" / "policy.safetensors"
+    dearer = dataclasses.replace(
+        TINY, start=str(weights), steps=0, reward=dataclasses.replace(TINY.reward, missing=1.0)
+    )
+    train(dearer, tmp_path / "second")
+    begun, _ = read_policy(tmp_path / "second" / "policy.safetensors")
+    for name, value in read_policy(weights)[0].items():
+        np.testing.assert_array_equal(begun[name], value)
+    with pytest.raises(InputFileError, match="can't be read"):
+        train(dataclasses.replace(dearer, start="none.safetensors"), tmp_path / "third")
+    assert not (tmp_path / "third").exists()
+
+
 def test_a_resumed_run_draws_other_plans_than_at_its_beginning(tmp_path, monkeypatch):
     seeds = []
     monkeypatch.setattr(PPO, "set_random_seed", lambda model, seed=None: seeds.append(seed))

@@ -62,8 +62,9 @@ class FrontierArguments(TrainArguments):
     Plans as for all trainings: ``procedural:home`` needs no files. Run the command again to resume.
     """
 
-    start: Literal["scratch", "tour"] | None = None
-    """``scratch``, the default: weights at random; ``tour``: weights that choose as the rule ``tour``."""
+    start: str | None = None
+    """``scratch``, the default: weights at random; ``tour``: weights that choose as the rule ``tour``; or a file of
+    weights, to go on with other settings."""
 
 
 class WheelsArguments(TrainArguments):
