@@ -11,6 +11,7 @@ from slamgym.core.errors import ConfigError
 from slamgym.core.limits import MAP_CELLS
 from slamgym.core.types import GridFrame
 from slamgym.envs.rewards import RewardConfig
+from slamgym.envs.team_config import TeamConfig
 from slamgym.planning.promise import Promise
 from slamgym.sim import (
     ClutterConfig,
@@ -136,6 +137,9 @@ class ExploreConfig(Settings):
     terminate_when_explored: bool | str = True
     """An episode terminates once the published map shows no frontier that the robot could reach; or, with a promise
     such as ``"98%:95%"``, once the map keeps it (:class:`~slamgym.planning.promise.Promise`)."""
+
+    team: TeamConfig = field(default_factory=TeamConfig)
+    """How many robots explore the building, and when they hear each other."""
 
     record: bool = False
     """True to keep an :class:`~slamgym.envs.simulation.EpisodeLog` of every scan."""

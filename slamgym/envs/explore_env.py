@@ -12,7 +12,6 @@ from slamgym.core.errors import ConfigError
 from slamgym.core.jit import announce_compilation
 from slamgym.core.types import ByteArray, Pose2D
 from slamgym.envs.batch.exploration import Explorations, StepOutcome
-from slamgym.envs.batch.robot import before
 from slamgym.envs.config import MAP_UPDATE_INTERVAL, ExploreConfig, resolve_config
 from slamgym.envs.coverage import Coverage
 from slamgym.envs.observations import observation_space
@@ -185,6 +184,11 @@ class ExploreEnv(gym.Env[Any, Any]):
                 f"unknown render_mode {render_mode!r}; {suggest(render_mode, RENDER_MODES)}"
             )
         self.config = resolve_config(config, settings)
+        if self.config.team.robots > 1:
+            raise ConfigError(
+                f"one robot explores here, not {self.config.team.robots}; make a team with "
+                "slamgym.envs.team.parallel_env"
+            )
         self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": round(self.config.lidar.rate)}
         self.observation_space = observation_space(self.config)
@@ -363,16 +367,7 @@ class ExploreEnv(gym.Env[Any, Any]):
 
     def _record(self) -> None:
         if self.log is not None:
-            now = self.simulation
-            scan = now.scan
-            self.log.append(
-                stamps=scan.stamp,
-                true_poses=now.true_scan_pose,
-                odometry=before(now.odometry_pose, scan.motion),
-                estimates=now.mapper.pose,
-                motions=scan.motion,
-                ranges=scan.ranges,
-            )
+            self.log.note(self.simulation)
 
     def _show(self) -> None:
         if self.render_mode == "human":

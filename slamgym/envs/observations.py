@@ -15,14 +15,15 @@ from slamgym.core.types import (
     ByteArray,
     Float32Array,
     FloatArray,
+    GridFrame,
     Observation,
+    OccupancyGrid,
     Pose2D,
     Twist2D,
 )
 from slamgym.envs.compact import CompactObserver, MapTiles
 from slamgym.envs.config import ExploreConfig, ObservationConfig
 from slamgym.envs.turned_reading import Tiles, fetch_rows, line_table, read_turned, turned_grid
-from slamgym.slam import Mapper
 
 
 @kernel
@@ -138,10 +139,26 @@ def _within(values: Any, limits: Float32Array) -> Float32Array:
     return single
 
 
+class ShownMap(Protocol):
+    """What is read of a mapper's map."""
+
+    def lattice(self) -> tuple[ByteArray, tuple[int, int]]:
+        """See :meth:`slamgym.slam.Mapper.lattice`."""
+        ...
+
+    def occupancy_grid(self) -> OccupancyGrid:
+        """See :meth:`slamgym.slam.Mapper.occupancy_grid`."""
+        ...
+
+    def render(self, frame: GridFrame) -> ByteArray:
+        """See :meth:`slamgym.slam.Mapper.render`."""
+        ...
+
+
 class SensedStep(NamedTuple):
     """Observations at the end of a step."""
 
-    mapper: Mapper
+    mapper: ShownMap
     ranges: Float32Array  # of the scan, shape (num_beams,) [m]
     pose: Pose2D  # believed, map frame
     velocity: Twist2D  # measured

@@ -9,7 +9,7 @@ from gymnasium import spaces
 from slamgym.core.errors import ActionError
 from slamgym.core.types import Float32Array, FloatArray, OccupancyGrid, Pose2D, Trajectory, Twist2D
 from slamgym.envs.batch.beliefs import Beliefs
-from slamgym.envs.batch.robot import SimulatedRobot
+from slamgym.envs.batch.robot import SimulatedRobot, before
 from slamgym.envs.config import ExploreConfig
 from slamgym.slam import Mapper
 from slamgym.slam.columns import Columns
@@ -160,6 +160,18 @@ class EpisodeLog(Columns):
             estimates=(3,),
             motions=(3,),
             ranges=(num_beams,),
+        )
+
+    def note(self, now: Simulation) -> None:
+        """Add the newest scan of a robot."""
+        scan = now.scan
+        self.append(
+            stamps=scan.stamp,
+            true_poses=now.true_scan_pose,
+            odometry=before(now.odometry_pose, scan.motion),
+            estimates=now.mapper.pose,
+            motions=scan.motion,
+            ranges=scan.ranges,
         )
 
     def __getitem__(self, name: str) -> Any:

@@ -154,21 +154,31 @@ class HitCountMap:
 
     def render(self, frame: GridFrame) -> ByteArray:
         """The map on another grid; see :meth:`slamgym.slam.mapper.Mapper.render`."""
-        cells = self.classified()
-        step = self.resolution
-        first_row, first_col = self.corner
-        col = frame.origin_x / step
-        row = frame.origin_y / step
-        is_aligned = abs(col - round(col)) < 1e-6 and abs(row - round(row)) < 1e-6
-        if frame.resolution == step and is_aligned:
-            out = np.full(frame.shape, UNKNOWN, dtype=np.uint8)
-            paste(out[::-1], cells, round(row) - first_row, round(col) - first_col)
-            return out
-        out = np.empty(frame.shape, dtype=np.uint8)
-        left = (frame.origin_x - first_col * step) / step
-        bottom = (frame.origin_y - first_row * step) / step
-        regrid(cells, left, bottom, frame.resolution / step, out)
+        return rendered(self.classified(), self.corner, self.resolution, frame)
+
+
+def rendered(cells: ByteArray, corner: tuple[int, int], step: float, frame: GridFrame) -> ByteArray:
+    """A map on another grid; see :meth:`slamgym.slam.mapper.Mapper.render`.
+
+    Args:
+        cells: Shape (rows, cols), row 0 at the bottom.
+        corner: Row and column of the map's lattice at which they begin.
+        step: Their size [m].
+        frame: The other grid.
+    """
+    first_row, first_col = corner
+    col = frame.origin_x / step
+    row = frame.origin_y / step
+    is_aligned = abs(col - round(col)) < 1e-6 and abs(row - round(row)) < 1e-6
+    if frame.resolution == step and is_aligned:
+        out = np.full(frame.shape, UNKNOWN, dtype=np.uint8)
+        paste(out[::-1], cells, round(row) - first_row, round(col) - first_col)
         return out
+    out = np.empty(frame.shape, dtype=np.uint8)
+    left = (frame.origin_x - first_col * step) / step
+    bottom = (frame.origin_y - first_row * step) / step
+    regrid(cells, left, bottom, frame.resolution / step, out)
+    return out
 
 
 def _around(box: LatticeBox, other: LatticeBox | None) -> LatticeBox:

@@ -48,6 +48,8 @@ FURNITURE_COLOUR: Colour = (214, 188, 150)
 PERSON_COLOUR: Colour = (190, 75, 219)
 BEAM_COLOUR: Colour = (255, 169, 77)
 BAR_COLOUR: Colour = (55, 178, 77)
+MATE_COLOURS: tuple[Colour, ...] = ((230, 119, 0), (12, 133, 153), (156, 54, 181))
+"""Of other robots: the second, the third and the fourth."""
 
 _MARGIN = 20
 """Beside the panels, and between them [px]."""
@@ -89,6 +91,7 @@ class Scene:
     true_path: FloatArray  # (N, 2) [m]
     believed_path: FloatArray  # (N, 2) [m]
     figures: SceneFigures
+    mates: Sequence["Scene"] = ()  # other robots of the building
 
 
 class Renderer:
@@ -231,14 +234,17 @@ def _draw_world(panel: ByteArray, scene: Scene, view: _View) -> None:
     panel[(placed > 0) & is_floor] = SEEN_TINT
     for piece in scene.furniture:
         _fill(panel, view, piece, FURNITURE_COLOUR)
-    _draw_beams(panel, scene, view)
+    for one in (scene, *scene.mates):
+        _draw_beams(panel, one, view)
     thickness = 2 if view.scale > 15 else 1
     walls = scene.plan.segments()
     view.draw_segments(panel, walls, WALL_TINT, thickness)
     view.draw_segments(panel, scene.moving, PERSON_COLOUR, 2)
-    path = view.pixels(scene.true_path)
-    draw_path(panel, path, TRUE_COLOUR)
-    _draw_robot(panel, view, scene.true_pose, scene.robot_radius, TRUE_COLOUR)
+    robots = zip((scene, *scene.mates), (TRUE_COLOUR, *MATE_COLOURS), strict=False)
+    for one, colour in robots:
+        path = view.pixels(one.true_path)
+        draw_path(panel, path, colour)
+        _draw_robot(panel, view, one.true_pose, one.robot_radius, colour)
 
 
 def _draw_belief(panel: ByteArray, scene: Scene, view: _View) -> None:
@@ -255,6 +261,9 @@ def _draw_belief(panel: ByteArray, scene: Scene, view: _View) -> None:
     ends = beam_ends(scan, pose, ranges)
     for pixel in view.pixels(ends[hits]):
         draw_dot(panel, pixel, 2, BEAM_COLOUR)
+    for mate, colour in zip(scene.mates, MATE_COLOURS, strict=False):
+        draw_path(panel, view.pixels(mate.believed_path), colour)
+        _draw_robot(panel, view, mate.believed_pose, mate.robot_radius, colour)
     _draw_robot(panel, view, scene.true_pose, scene.robot_radius, TRUE_COLOUR, filled=False)
     _draw_robot(panel, view, pose, scene.robot_radius, BELIEVED_COLOUR)
 

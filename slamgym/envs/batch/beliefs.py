@@ -1,6 +1,7 @@
 """What robots believe: where they are, and their maps."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -28,6 +29,7 @@ from slamgym.envs.batch.threads import divide_work
 from slamgym.envs.compact import MapTiles
 from slamgym.envs.config import ExploreConfig
 from slamgym.envs.far_look import BLOCK_SIDE
+from slamgym.envs.observations import ShownMap
 from slamgym.envs.plan_cache import PreparedPlan
 from slamgym.interop import read_ros_map
 from slamgym.slam import Mapper, make_mapper
@@ -61,6 +63,7 @@ class Beliefs:
         is_mapped_together: True if kernels map; else each robot has its own mapper.
         map_model: How kernels draw maps.
         target: How and where kernels that map write observations; set by the observer.
+        shown: Whose map a robot of a number sees: its own, or what it shares with its team.
     """
 
     def __init__(self, fleet: Fleet, prefers_kernels: bool) -> None:
@@ -70,6 +73,7 @@ class Beliefs:
         self._robots: list[SimulatedRobot] = []
         self._mappers: list[Mapper] = []
         self.target: KernelTarget | None = None
+        self.shown: Callable[[int], ShownMap] = self.mapper
         self.maps = Maps.blank(len(fleet))
         self.map_model = _map_model(config, fleet.lidar.geometry)
         has_known_poses = slam.mode in ("ground_truth", "dead_reckoning")
@@ -96,7 +100,7 @@ class Beliefs:
     def live_grid(self, index: int) -> OccupancyGrid:
         """One robot's map, with what is unknown around it and at no cost: it changes with the next step."""
         if not self.is_mapped_together:
-            return self.mapper(index).occupancy_grid()
+            return self.shown(index).occupancy_grid()
         cells, (row, col), resolution, _ = self.tiles(index)
         height, width = cells.shape
         frame = GridFrame(resolution, col * resolution, row * resolution, height, width)

@@ -86,6 +86,8 @@ class Explorations:
         """
         ids = self._put_down(begins, generators, wanted)
         self.beliefs.sense(ids, begins)
+        if self.fleet.team_size > 1:
+            self.fleet.share_seen()
         self.assessment.begin(ids)
 
     def _put_down(
@@ -134,6 +136,8 @@ class Explorations:
         """Scan and measure, after all have been driven or put down; arguments as for :meth:`step`."""
         is_published = self.is_published
         self.beliefs.sense(self._everyone, is_published)
+        if self.fleet.team_size > 1:
+            self.fleet.share_seen()
         if begins is not None:
             self.assessment.begin(np.flatnonzero(begins))
         terminations = self._are_complete(is_published)

@@ -304,6 +304,20 @@ class Fleet:
         scans = bare(self.scans)
         look_all(bare(self.robots), self.kernel_scenes(), self.scanner, scans, ids)
 
+    def share_seen(self) -> None:
+        """Let each robot have seen what any robot of its building has."""
+        scenes = self.scenes
+        for building in range(len(self) // self.team_size):
+            team = self._team(building)
+            count = int(np.prod(scenes.floor_shape[team.start]))
+            unseen = scenes.unseen[team.start : team.stop, :count]
+            floors = [self.coverage(i).floor.reshape(-1) for i in team]
+            sights = [own | ~floor for own, floor in zip(unseen, floors, strict=True)]
+            np.logical_and(unseen, np.logical_and.reduce(sights), out=unseen)
+            for i, own in zip(team, unseen, strict=True):
+                scenes.seen[i] = scenes.floor_cells[i] - np.count_nonzero(own)
+                scenes.shares[i] = scenes.seen[i] / max(1, scenes.floor_cells[i])
+
     def draw_noise(self, ids: IntArray) -> None:
         """Draw what errs in a scan, each robot from its own stream, in the order of a scanner alone."""
         scans = self.scans

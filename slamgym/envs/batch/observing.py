@@ -95,7 +95,7 @@ class BatchObserver:
     def _look_at(self, index: int, is_published: bool) -> Any:
         beliefs = self._beliefs
         now = SensedStep(
-            mapper=beliefs.mapper(index),
+            mapper=beliefs.shown(index),
             ranges=beliefs.ranges[index],
             pose=Pose2D(*beliefs.maps.believed[index].tolist()),
             velocity=Twist2D(*self._fleet.robots.velocity[index].tolist()),

@@ -1,0 +1,92 @@
+"""A team explores a building from start to end."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from gymnasium.utils import seeding
+
+from slamgym.core.types import UNKNOWN, Explorer, OccupancyGrid, Pose2D
+from slamgym.envs.plan_cache import ResetOptions
+from slamgym.envs.simulation import Actions
+from slamgym.envs.team_exploration import TeamExploration
+from slamgym.envs.team_maps import joined_about
+from slamgym.slam.graph.map_graph import MapGraph
+from slamgym.slam.merge.drawing import Picture, paint
+from slamgym.slam.merge.joint import tied_loosely
+
+WAKING_AREA = 1.0
+"""A robot that was done begins again once it was told of so much more floor or walls [m2]: two steps into a room."""
+LOOSE_TIE = np.diag([0.3**2, 0.3**2, 0.05**2])
+"""Covariance of where a map lies that shows nothing in common with the others [m2, rad2]."""
+
+
+def team_steps(
+    team: TeamExploration, explorers: Sequence[Explorer], seed: int, wanted: ResetOptions
+) -> Iterator[int]:
+    """Let explorers drive, one each robot, until all say that they are done or the time is up.
+
+    One that was done begins again when it is told of more.
+
+    Args:
+        team: Its state is that of the step yielded last.
+        explorers: Whether a robot was done at the end, its ``finished`` says.
+        seed: Of the episode.
+        wanted: Plan and starts, if they aren't drawn.
+
+    Yields:
+        The number of steps so far.
+    """
+    actions = Actions(team.config)
+    rng, _ = seeding.np_random(seed)
+    team.begin(rng, wanted)
+    known_at_end = [np.inf] * len(team)
+    yield 0
+    count = 0
+    is_over = False
+    while not is_over:
+        chosen = []
+        for index, explorer in enumerate(explorers):
+            observation = team.observe(index)
+            wakes = False
+            if explorer.finished:
+                known = known_area(team.maps.shared[index].occupancy_grid())
+                known_at_end[index] = min(known_at_end[index], known)
+                wakes = known > known_at_end[index] + WAKING_AREA
+            else:
+                known_at_end[index] = np.inf
+            action, _ = explorer.predict(observation, None, np.array([wakes]))
+            chosen.append(action)
+        if all(explorer.finished for explorer in explorers):
+            return
+        outcome = team.step(actions.to_commands(chosen))
+        is_over = bool(outcome.truncations.any())
+        count += 1
+        yield count
+
+
+def known_area(grid: OccupancyGrid) -> float:
+    """Area of a map's known cells [m2]."""
+    return float(np.count_nonzero(grid.cells != UNKNOWN)) * grid.frame.resolution**2
+
+
+def merged_map(team: TeamExploration) -> OccupancyGrid:
+    """The map of all robots whose place on the first one's is known, in its frame: one graph where they have graphs."""
+    placed = [(0, Pose2D(0.0, 0.0, 0.0))]
+    placed += [(k, place) for k in range(1, len(team)) if (place := team.maps.place(0, k))]
+    graph: MapGraph | None = None
+    for index, place in placed:
+        own = team.robots[index].mapper.graph()
+        if own is None:
+            grids = [(team.robots[k].mapper.occupancy_grid(), at) for k, at in placed]
+            pictures = [Picture(grid, np.array(at)) for grid, at in grids]
+            return paint(pictures, pictures[0].grid.frame)
+        graph = own if graph is None else _joined(graph, own, place)
+    assert graph is not None
+    return graph.grid()
+
+
+def _joined(graph: MapGraph, own: MapGraph, place: Pose2D) -> MapGraph:
+    joint = joined_about(graph, own, place)
+    if joint is None:
+        return tied_loosely(graph, own, np.array(place), LOOSE_TIE)
+    return joint.graph
