@@ -10,6 +10,7 @@ from slamgym.agents.rules import (
     EXPLORE_LITE_LOOP,
     TOUR_LOOP,
     WIDE_TOUR_LOOP,
+    Auction,
     CostUtility,
     ExploreLite,
     FrontierTour,
@@ -44,6 +45,7 @@ def by_rule(rule: Rule, loop: ExplorationLoopConfig | None = None) -> Make:
 CLASSICAL: dict[str, Make] = {
     "explore_lite": by_rule(ExploreLite(), EXPLORE_LITE_LOOP),
     "nearest": by_rule(Nearest()),
+    "auction": by_rule(Auction()),
     "cost_utility": by_rule(CostUtility()),
     "next_best_view": by_rule(NextBestView()),
     "tour": by_rule(FrontierTour(), TOUR_LOOP),

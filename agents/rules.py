@@ -13,7 +13,9 @@ from slamgym.core.types import BoolArray, FloatArray
 from slamgym.envs.frontier_features import candidate_places, candidate_tour_lengths
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
 from slamgym.planning.frontiers import expected_gain, view_gain
+from slamgym.planning.grid_path import CoarsePaths
 from slamgym.planning.open_tour import open_tour
+from slamgym.planning.team_tours import share_tours
 
 EXPLORE_LITE_LOOP = ExplorationLoopConfig(
     max_candidates=1000,
@@ -139,19 +141,72 @@ class FrontierTour:
         return tour_scores(loop, np.ones(len(loop.candidates), np.bool_))
 
 
-def tour_scores(loop: ExplorationLoop, wanted: BoolArray) -> FloatArray:
+@dataclass(frozen=True)
+class Auction:
+    """Robots that hear each other bid their ways to frontiers, the lowest bid of all first; each wins one.
+
+    Sequential single-item auctions (Zlot et al., "Multi-robot exploration controlled by a market economy", ICRA 2002).
+    A robot alone is :class:`Nearest`.
+    """
+
+    def __call__(self, loop: ExplorationLoop) -> FloatArray:
+        """Score the loop's candidates, shape (N,)."""
+        own = path_lengths(loop)
+        bids = np.vstack([own, mate_lengths(loop)])
+        scores = -own
+        for _ in range(min(bids.shape)):
+            bidder, place = divmod(int(np.argmin(bids)), len(own))
+            if bidder == 0:
+                scores[place] = 1.0
+                break
+            bids[bidder] = np.inf
+            bids[:, place] = np.inf
+        return scores
+
+
+def tour_scores(
+    loop: ExplorationLoop, wanted: BoolArray, loads: FloatArray | None = None
+) -> FloatArray:
     """Ranks in the shortest open tour through the wanted candidates, or through all if none is wanted.
+
+    Robots that hear each other share them out so that the last is done soonest; others' candidates come after the own
+    ones, the nearest first.
+
+    Args:
+        loop: The exploration.
+        wanted: Which candidates are to be visited, shape (N,).
+        loads: What each takes beside the way, shape (N,) [m]; it decides who visits it.
 
     Returns:
         Negative, the first 0, and -inf for candidates that are left out, shape (N,).
     """
     visited = wanted | ~wanted.any()
     stops = np.flatnonzero(np.append(True, visited))  # the robot, and the candidates after it
-    lengths = candidate_tour_lengths(loop, loop.navigator.lengths)
-    tour = open_tour(lengths[np.ix_(stops, stops)])
+    lengths = candidate_tour_lengths(loop, loop.navigator.lengths)[np.ix_(stops, stops)]
     scores: FloatArray = np.full(len(wanted), -np.inf)
-    scores[visited] = -np.argsort(tour)
+    if len(loop.mates) == 0:
+        scores[visited] = -np.argsort(open_tour(lengths))
+        return scores
+    starts = np.vstack([lengths[0, 1:], mate_lengths(loop)[:, visited]])
+    taken = np.zeros(len(starts[0])) if loads is None else loads[visited]
+    own = share_tours(starts, lengths[1:, 1:], taken)[0]
+    others = [place for place in np.argsort(starts[0]).tolist() if place not in own]
+    scores[visited] = -np.argsort([*own, *others])
     return scores
+
+
+def mate_lengths(loop: ExplorationLoop) -> FloatArray:
+    """Length of the path of each robot that is heard to each candidate, shape (K, N) [m]; inf where none leads."""
+    costmap = loop.navigator.costmap
+    space = loop.navigator.reachable
+    if costmap is None or space is None or len(loop.mates) == 0:
+        return np.zeros((0, len(loop.candidates)))
+    paths = CoarsePaths(costmap, space)
+    places = np.array([paths.place((x, y)) for x, y in candidate_places(loop).tolist()])
+    return np.array(
+        [paths.lengths_from(paths.place((x, y)), places) for x, y, _ in loop.mates.tolist()],
+        dtype=np.float64,
+    )
 
 
 def path_lengths(loop: ExplorationLoop) -> FloatArray:

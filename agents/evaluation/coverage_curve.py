@@ -8,7 +8,7 @@ import numpy as np
 
 from slamgym.core.types import FloatArray
 
-COVERAGE_LEVELS = (0.5, 0.8, 0.9, 0.95, 0.99)
+COVERAGE_LEVELS = (0.5, 0.8, 0.9, 0.95, 0.98, 0.99)
 """Shares of the reachable floor whose first reaching is timed."""
 
 HORIZON_PER_AREA = 3.0

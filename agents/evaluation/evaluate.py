@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Generic, NamedTuple, TypeVar
 
+from slamgym.agents.evaluation.team_trial import TeamName, run_team_trial
 from slamgym.agents.evaluation.trial import (
     ORACLE,
     FailedTrial,
@@ -264,11 +265,14 @@ def _hash(config: EvaluationConfig, plan: FloorPlan, name: str) -> str:
     if name == ORACLE:
         return trial_hash(config.trial, ORACLE)
     env = ExploreEnv(plan, config.trial.env)
-    return trial_hash(config.trial, explorer_in(env, name, config.trial).fingerprint)
+    explorer = TeamName.read(name).explorer
+    return trial_hash(config.trial, explorer_in(env, explorer, config.trial).fingerprint)
 
 
 def _explore(config: EvaluationConfig, task: Task) -> Trial:
     """One task; runs in a worker."""
     if task.explorer == ORACLE:
         return bound_trial(task, config.trial)
+    if TeamName.read(task.explorer).robots > 1:
+        return run_team_trial(task, config.trial)
     return run_trial(task, config.trial)

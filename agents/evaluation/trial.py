@@ -198,9 +198,9 @@ def run_trial(
         for info in episode_steps(env, watch, reset)
     ]
     cpu = time.process_time() - began
-    curve = _curve_of(points)
+    curve = curve_of(points)
     return replace(
-        _record(env, task, trial_hash(config, watch.fingerprint), curve),
+        record_of(env.config.time_limit, task, trial_hash(config, watch.fingerprint), curve),
         finished=watch.finished,
         collisions=env.simulation.collisions,
         map_error=round(env.map_error(), 6),
@@ -212,7 +212,7 @@ def run_trial(
     )
 
 
-def _curve_of(points: list[tuple[float, float, float]]) -> CoverageCurve:
+def curve_of(points: list[tuple[float, float, float]]) -> CoverageCurve:
     """The curve through times [s], paths [m] and coverages."""
     time, path, coverage = np.array(points, dtype=np.float64).T
     return CoverageCurve(time, path, coverage)
@@ -242,9 +242,9 @@ def bound_trial(task: Task, config: TrialConfig) -> Trial:
     bounds = bound_exploration(env, levels, task.seed % 2**32)
     done = next(bound for bound in bounds if bound.share == SUCCESS_COVERAGE)
     first = (0.0, 0.0, min(info["coverage"], bounds[0].share))
-    curve = _curve_of([first, *((bound.time, bound.path, bound.share) for bound in bounds)])
+    curve = curve_of([first, *((bound.time, bound.path, bound.share) for bound in bounds)])
     return replace(
-        _record(env, task, trial_hash(config, ORACLE), curve),
+        record_of(env.config.time_limit, task, trial_hash(config, ORACLE), curve),
         time=round(done.time, 3),
         path=round(done.path, 4),
         coverage=SUCCESS_COVERAGE,
@@ -252,13 +252,13 @@ def bound_trial(task: Task, config: TrialConfig) -> Trial:
     )
 
 
-def _record(env: ExploreEnv, task: Task, settings: str, curve: CoverageCurve) -> Trial:
+def record_of(time_limit: float | None, task: Task, settings: str, curve: CoverageCurve) -> Trial:
     """The record of an exploration, read from its curve alone.
 
     It is finished; contacts, errors, decisions and CPU times are 0.
     """
     plan = task.plan
-    assert env.config.time_limit is not None
+    assert time_limit is not None
     time_to: dict[str, float | None] = {}
     path_to: dict[str, float | None] = {}
     for level in COVERAGE_LEVELS:
@@ -273,7 +273,7 @@ def _record(env: ExploreEnv, task: Task, settings: str, curve: CoverageCurve) ->
         settings=settings,
         area=round(plan.area, 3),
         rooms=len(plan.rooms),
-        time_limit=round(env.config.time_limit, 3),
+        time_limit=round(time_limit, 3),
         finished=True,
         time=round(float(curve.time[-1]), 3),
         path=round(float(curve.path[-1]), 4),

@@ -1,9 +1,8 @@
 """The exploration loop: offers frontiers, drives to the chosen one, and says when the next choice is due.
 
-Every frontier explorer is this loop and a rule that scores the candidates: the hand-written rules, a trained
-policy, and the environment that policies are trained in, so they differ in what they choose, not in how they
-drive. Main path of a control step: :meth:`ExplorationLoop.observe` takes over the map and the clock; while it says
-that a choice is due, :meth:`ExplorationLoop.choose` is given one of the :attr:`ExplorationLoop.candidates`;
+Every frontier explorer is this loop and a rule that scores the candidates, so they differ in what they choose, not in
+how they drive. In a control step :meth:`ExplorationLoop.observe` takes over the map and the clock; while it says that a
+choice is due, :meth:`ExplorationLoop.choose` is given one of the :attr:`ExplorationLoop.candidates`;
 :meth:`ExplorationLoop.command` drives.
 """
 
@@ -13,7 +12,7 @@ from typing import Annotated
 import numpy as np
 
 from slamgym.core.config import Count, Positive, Settings, Within
-from slamgym.core.types import ByteArray, Observation, OccupancyGrid, Pose2D, Twist2D
+from slamgym.core.types import ByteArray, FloatArray, Observation, OccupancyGrid, Pose2D, Twist2D
 from slamgym.planning.blacklist import SAME_CENTROID, Blacklist
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.costmap import NO_INFORMATION, Costmap
@@ -116,6 +115,11 @@ class ExplorationLoop:
         return self._belief.pose
 
     @property
+    def mates(self) -> FloatArray:
+        """Poses (K, 3) of the robots of its team that it hears now, in the map frame."""
+        return self._belief.mates
+
+    @property
     def time(self) -> float:
         """The newest time [s]."""
         return self._belief.time
@@ -135,15 +139,13 @@ class ExplorationLoop:
         """0 at first; counts the relaxed footprints tried at the end."""
         return self._recovery.round
 
-    # The three steps of the protocol.
-
     def observe(self, observation: Observation) -> bool:
         """Take over an observation; returns True if a choice is due.
 
         Args:
             observation: Of an environment whose map is the global one: ``"map"`` uint8 (1, H, W), ``"scan"``
-                (num_beams,) [m], ``"pose"`` (3,) in the map frame, ``"time"`` (1,) [s]. The map may be an
-                :class:`OccupancyGrid`, which may grow and move as long as its cells stay on one lattice.
+                (num_beams,) [m], ``"pose"`` (3,) in the map frame, ``"time"`` (1,) [s], in a team ``"mates"``. The map
+                may be an :class:`OccupancyGrid`, which may grow and move as long as its cells stay on one lattice.
         """
         self._take_pose(observation)
         self._recovery.note_time(self.time)
@@ -194,8 +196,6 @@ class ExplorationLoop:
         if self.target is None and self.navigator.status is GoalStatus.SUCCEEDED:
             self._close_recovery()
         return command
-
-    # After the end.
 
     def unreached(self) -> list[FrontierCandidate]:
         """Frontiers that were given up on the way and are still on the map, or keep others from being offered."""
@@ -373,8 +373,6 @@ class ExplorationLoop:
         if is_first_round and self.round > 0:
             # What was given up may have become possible: people walk on and maps get better.
             self._blacklist.clear()
-
-    # Goals.
 
     def _drop_target(self, target: FrontierCandidate) -> None:
         """Give up the frontier that the robot drives to, reached or not."""

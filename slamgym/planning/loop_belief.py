@@ -7,6 +7,7 @@ import numpy as np
 from slamgym.core.types import (
     ByteArray,
     Float32Array,
+    FloatArray,
     GridFrame,
     Observation,
     OccupancyGrid,
@@ -24,6 +25,7 @@ class LoopBelief:
         pose: The robot in the map frame.
         time: [s].
         scan: Shape (num_beams,) [m].
+        mates: Poses (K, 3) of the robots that are heard now, in the map frame.
     """
 
     def __init__(self, canvas: GridFrame) -> None:
@@ -33,6 +35,7 @@ class LoopBelief:
         self.pose = Pose2D(0.0, 0.0, 0.0)
         self.time = 0.0
         self.scan: Float32Array = np.zeros(0, np.float32)
+        self.mates: FloatArray = np.zeros((0, 3))
 
     @property
     def has_map(self) -> bool:
@@ -45,6 +48,9 @@ class LoopBelief:
         self.pose = Pose2D(*observation["pose"].tolist())
         self.time = float(observation["time"][0])
         self.scan = observation["scan"]
+        if "mates" in observation:
+            rows = observation["mates"]
+            self.mates = rows[rows[:, 0] > 0.5, 1:].astype(np.float64)
         return math.dist(self.pose[:2], last[:2])
 
     def take_map(self, published: ByteArray | OccupancyGrid) -> bool:

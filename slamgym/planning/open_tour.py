@@ -34,9 +34,9 @@ def open_tour(lengths: FloatArray) -> IntArray:
         Indices 1 to N in the order of the visits, shape (N,). Places that can't be reached come last.
     """
     if len(lengths) - 1 <= EXACT_PLACES:
-        return exact_tour(_finite(lengths))
+        return exact_tour(finite_lengths(lengths))
     # Moves are measured as if a stretch were as long backwards; else they might go round in circles.
-    matrix = _finite(np.minimum(lengths, lengths.T))
+    matrix = finite_lengths(np.minimum(lengths, lengths.T))
     return improve_tour(matrix, nearest_neighbour_tour(matrix))
 
 
@@ -49,14 +49,14 @@ def lengths_by_first(lengths: FloatArray) -> FloatArray:
     Returns:
         Shape (N,) [m]: the shortest for up to 11 places, beyond as near to it as 2-opt and Or-opt get.
     """
-    matrix = _finite(lengths)
+    matrix = finite_lengths(lengths)
     between = np.ascontiguousarray(np.minimum(matrix, matrix.T)[1:, 1:])
     is_exact = len(between) <= _EXACT_FIRSTS
     onwards = exact_paths(between) if is_exact else short_paths(between)
     return matrix[0, 1:] + onwards
 
 
-def _finite(lengths: FloatArray) -> FloatArray:
+def finite_lengths(lengths: FloatArray) -> FloatArray:
     """Path lengths with a number for those that are infinite."""
     return np.where(np.isfinite(lengths), lengths, _FAR).astype(np.float64)
 
@@ -65,7 +65,7 @@ def _finite(lengths: FloatArray) -> FloatArray:
 def exact_paths(lengths: FloatArray) -> FloatArray:
     """Length of the shortest path through all places from each of them, by the same programme, shape (N,)."""
     n = len(lengths)
-    best, _ = _held_karp(np.zeros(n), lengths)
+    best, _ = held_karp(np.zeros(n), lengths)
     return best[(1 << n) - 1].copy()  # a path that ends at a place is as long as the same backwards
 
 
@@ -87,7 +87,7 @@ def short_paths(lengths: FloatArray) -> FloatArray:
 
 
 @kernel
-def _held_karp(starts: FloatArray, between: FloatArray) -> tuple[FloatArray, IntArray]:
+def held_karp(starts: FloatArray, between: FloatArray) -> tuple[FloatArray, IntArray]:
     """Shortest way to have visited each set of places and stand at one of them, and the place before it.
 
     Args:
@@ -127,7 +127,7 @@ def exact_tour(lengths: FloatArray) -> IntArray:
         return order
     starts = np.ascontiguousarray(lengths[0, 1:])
     between = np.ascontiguousarray(lengths[1:, 1:])
-    best, before = _held_karp(starts, between)
+    best, before = held_karp(starts, between)
     visited = (1 << n) - 1
     last = int(np.argmin(best[visited]))
     for position in range(n - 1, -1, -1):

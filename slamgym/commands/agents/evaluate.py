@@ -42,6 +42,9 @@ class EvaluateArguments(Arguments):
     """``useful``, the default, takes plans that are worth exploring; ``none`` all."""
     explorers: str | None = None
     """Names of explorers, with commas between them; by default all."""
+    robots: str = "1"
+    """How many robots explore a building together, with commas between numbers: ``1,2,3`` evaluates each explorer
+    alone, as a pair (``rl*2``) and as three."""
     against: str = ""
     """The reference explorer, one of them; by default ``explore_lite``, or the first where it is not among them."""
     oracle: bool = False
@@ -99,17 +102,21 @@ def evaluation_config(arguments: EvaluateArguments) -> EvaluationConfig:
         ConfigError: If a setting makes no sense, or the reference is not among the explorers.
     """
     from slamgym.agents.evaluation.evaluate import EvaluationConfig
+    from slamgym.agents.evaluation.team_trial import TeamName
     from slamgym.agents.registry import EXPLORERS
     from slamgym.planning.promise import Promise
 
     names = [name.strip() for name in (arguments.explorers or "").split(",")]
+    names = [name for name in names if name] or list(EXPLORERS)
+    counts = [count.strip() for count in arguments.robots.split(",")]
+    teams = [str(TeamName.read(f"{name}*{count}")) for count in counts for name in names]
     options = {
         "count": arguments.count,
         "split": CLEARED if arguments.split == "all" else arguments.split,
         "plans_filter": arguments.plans_filter,
         "seed": arguments.seed,
         "minutes": arguments.minutes,
-        "explorers": tuple(name for name in names if name) or None,
+        "explorers": tuple(teams) if arguments.explorers or counts != ["1"] else None,
         "oracle": arguments.oracle or None,
     }
     promise = arguments.promise
