@@ -135,7 +135,7 @@ class RecentScans:
 def no_alignment(pose: FloatArray) -> Alignment:
     """A pose (3,) of which nothing was seen."""
     nothing = NormalEquations(np.zeros((1, 4, 4)), np.zeros(1, dtype=np.int64))
-    return Alignment(pose, nothing, 0.0)
+    return Alignment(pose, nothing, np.zeros(1))
 
 
 def by_laser(placed: Alignment) -> tuple[FloatArray, FloatArray]:

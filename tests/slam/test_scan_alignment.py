@@ -57,8 +57,8 @@ def alone(drawn):
 def align(drawn, points, start, known=UNKNOWN_PLACE):
     """Pose, normal matrix and fit."""
     start = np.array(start)
-    pose, bound, fit = alone(drawn).align(*with_sides(points), start, start, known)
-    return pose, bound.sums[0, :3, :3], fit
+    placed = alone(drawn).align(*with_sides(points), start, start, known)
+    return placed.pose, placed.equations.sums[0, :3, :3], placed.fit
 
 
 ROUND = [(-1.0 + 0.1 * k, 0.02 * k, 0.4 * k) for k in range(16)]
@@ -156,11 +156,9 @@ def test_an_older_map_is_seen_from_its_free_side():
     start = np.array([0.2, 0.1, 0.3])
     older = AlignmentTarget([known_submap((points, sides), start)], start[None])
     # Cells are marked in their middle, half of them behind the face.
-    pose, _, fit = older.align(
-        *with_sides(scan_points(start, inner)), start + 0.03, start, UNKNOWN_PLACE
-    )
-    assert fit > 0.4
-    assert pose == pytest.approx(start, abs=0.03)
+    placed = older.align(*with_sides(scan_points(start, inner)), start + 0.03, start, UNKNOWN_PLACE)
+    assert placed.fit > 0.4
+    assert placed.pose == pytest.approx(start, abs=0.03)
 
 
 # --- the search

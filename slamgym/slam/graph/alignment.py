@@ -55,7 +55,12 @@ class Alignment(NamedTuple):
 
     pose: FloatArray  # (3,) in the map frame
     equations: NormalEquations  # there
-    fit: float  # share of the points that fit, 0 to 1
+    fits: FloatArray  # (n,) how well each point fits, 0 to 1
+
+    @property
+    def fit(self) -> float:
+        """Share of the points that fit, 0 to 1."""
+        return float(self.fits.sum()) / max(len(self.fits), 1)
 
 
 @kernel
@@ -105,7 +110,8 @@ def bind_scan(
     width: float,
     sums: FloatArray,
     hits: IntArray,
-) -> float:
+    fits: FloatArray,
+) -> None:
     """Compute what each submap says of a scan at a pose.
 
     Args:
@@ -119,14 +125,12 @@ def bind_scan(
         width: Residual that counts a quarter [standard deviations].
         sums: (S, 4, 4) receives the sums of :class:`NormalEquations`.
         hits: (S,) receives the number of points near a surface.
-
-    Returns:
-        Share of the points that fit a surface of any submap, 0 to 1.
+        fits: (n,) receives how well each point that is taken fits a surface of any submap, 0 to 1.
     """
     sums[:] = 0.0
     hits[:] = 0
+    fits[:] = 0.0
     taken = (len(points) + stride - 1) // stride
-    best = np.zeros(taken)
     row = np.empty(4)
     grids, all_pieces = submaps
     for k in range(len(frames)):
@@ -170,11 +174,7 @@ def bind_scan(
                 for b in range(4):
                     sums[k, a, b] += known * row[a] * row[b]
             hits[k] += 1
-            best[i] = max(best[i], weight)
-    fit = 0.0
-    for i in range(taken):
-        fit += best[i]
-    return fit / max(taken, 1)
+            fits[i] = max(fits[i], weight)
 
 
 @kernel
@@ -189,7 +189,8 @@ def align_scan(
     pose: FloatArray,
     sums: FloatArray,
     hits: IntArray,
-) -> float:
+    fits: FloatArray,
+) -> None:
     """Align a scan with submaps by Gauss-Newton steps with Geman-McClure weights that narrow from step to step.
 
     Args:
@@ -203,16 +204,13 @@ def align_scan(
         pose: (3,) to begin at; receives the result.
         sums: (S, 4, 4) receives what each submap says there.
         hits: (S,) receives the number of points near a surface.
-
-    Returns:
-        Share of the points that fit, 0 to 1.
+        fits: (n,) receives how well each point fits, 0 to 1.
     """
-    fit = 0.0
     away = np.empty(3)
     gradient = np.empty(3)
     for step in range(ALIGN_STEPS):
         width = max(ALIGN_WIDTH, FIRST_WIDTH / (1.0 + step))
-        fit = bind_scan(submaps, corners, frames, points, sides, 1, pose, width, sums, hits)
+        bind_scan(submaps, corners, frames, points, sides, 1, pose, width, sums, hits, fits)
         away[:] = pose - prior
         away[2] = nearest_turn(away[2])
         h = known + 1e-3 * np.eye(3)  # damped, where a direction is bound by nothing
@@ -231,7 +229,6 @@ def align_scan(
         pose[2] = nearest_turn(pose[2] - step_t)
         if width == ALIGN_WIDTH and length < CONVERGED_STEP and abs(step_t) < CONVERGED_TURN:
             break
-    return fit
 
 
 class AlignmentTarget:
@@ -264,7 +261,8 @@ class AlignmentTarget:
         """Align a scan; see :func:`align_scan`."""
         pose = start.copy()
         equations = self._no_equations()
-        fit = align_scan(
+        fits = np.empty(len(points))
+        align_scan(
             self._arrays,
             self._corners,
             self.frames,
@@ -275,8 +273,9 @@ class AlignmentTarget:
             pose,
             equations.sums,
             equations.hits,
+            fits,
         )
-        return Alignment(pose, equations, float(fit))
+        return Alignment(pose, equations, fits)
 
     def hit_shares(
         self, points: FloatArray, sides: FloatArray, pose: FloatArray, stride: int
@@ -294,6 +293,7 @@ class AlignmentTarget:
             FIRST_WIDTH,
             equations.sums,
             equations.hits,
+            np.empty(len(points)),
         )
         taken = math.ceil(len(points) / stride)
         return np.asarray(equations.hits / max(1, taken), dtype=np.float64)

@@ -26,7 +26,7 @@ from slamgym.slam.graph.compass import Compass
 from slamgym.slam.graph.consistency import Consistency
 from slamgym.slam.graph.map_graph import DriveScans, MapGraph, drawn_poses
 from slamgym.slam.graph.pose_graph import PoseGraph
-from slamgym.slam.graph.recovery import Recovery
+from slamgym.slam.graph.recovery import Recovery, View
 from slamgym.slam.graph.relative import (
     Match,
     match_with,
@@ -114,7 +114,8 @@ class PoseGraphMapper(Mapper):
         self._consistency = Consistency(geometry)
         self._drawn_poses = np.zeros((0, 3))
         self._last_scan: LaserScan | None = None  # that was processed
-        self._recovery = Recovery()
+        self._last_view: View | None = None
+        self._recovery = Recovery(geometry, self._beams.usable)
 
     # --- what others ask ---
 
@@ -183,18 +184,22 @@ class PoseGraphMapper(Mapper):
         step = self._graph.wheels.step(increments)
         points = usable_end_points(scan.ranges, plain(self._beams), MATCH_RANGE)
         sides = sides_of(points, np.array(self._beams.mount[:2]))
+        view = View(points, sides, scan.ranges)
         fit = 1.0
         if len(self._graph) == 0:
             self._submaps.append(Submap(0, self._reach))
-            self._graph.append(self._start, step, np.zeros((3, 3)))
+            nothing = np.zeros((3, 3))
+            self._graph.append(self._start, step, nothing, nothing)
         elif len(points) < LEAST_POINTS:
-            self._graph.append(self._predicted(step), step, self._information(step))
+            known = self._information(step)
+            self._graph.append(self._predicted(step), step, known, np.zeros((3, 3)))
         else:
-            fit = self._place(step, points, sides)
+            fit = self._place(step, view)
             if fit < CARRIED_FIT and self._is_carried(scan):
                 fit = 0.0
-        self._remember(scan, step, points, sides, fit)
+        self._remember(scan.stamp, step, view, fit)
         self._last_scan = scan
+        self._last_view = view
         if self._loops.is_due(self._graph):
             self._close_loop()
         interval = max(OPTIMISE_INTERVAL, OPTIMISE_SHARE * len(self._graph))
@@ -221,13 +226,14 @@ class PoseGraphMapper(Mapper):
         heading = float(self._graph.poses[-1, 2])
         return turned_matrix(information, heading)
 
-    def _place(self, step: WheelStep, points: FloatArray, sides: FloatArray) -> float:
+    def _place(self, step: WheelStep, scan: View) -> float:
         """Find where a scan was taken, and make it a node with its edges.
 
         Returns:
             Share of its points that fit what was seen before; 1 if it has few.
         """
         graph = self._graph
+        points, sides, _ = scan
         predicted = self._predicted(step)
         known = self._information(step)
         count = len(self._submaps)
@@ -239,14 +245,16 @@ class PoseGraphMapper(Mapper):
         placed = target.align(points, sides, predicted, predicted, known)
         if len(points) >= FEW_POINTS:
             last = graph.poses[-1]
-            placed = self._recovery.check(target, points, sides, predicted, known, placed, last)
+            before = self._last_view
+            assert before is not None
+            placed = self._recovery.check(target, scan, predicted, known, placed, before, last)
             self._stats.recovered_matches = self._recovery.recovered
         matches = self._matches(len(graph), numbers, placed)
-        information = known
+        bound = np.zeros((3, 3))
         for match in matches:
             heading = float(graph.poses[match.old, 2])
-            information = information + turned_matrix(match.information, heading)
-        graph.append(placed.pose, step, information)
+            bound += turned_matrix(match.information, heading)
+        graph.append(placed.pose, step, known, bound)
         first_sure = self._submaps[older].first
         for match in matches:
             graph.tie(match, is_sure=match.old >= first_sure)
@@ -322,10 +330,9 @@ class PoseGraphMapper(Mapper):
                 matches.append(match)
         return matches
 
-    def _remember(
-        self, scan: LaserScan, step: WheelStep, points: FloatArray, sides: FloatArray, fit: float
-    ) -> None:
+    def _remember(self, stamp: float, step: WheelStep, scan: View, fit: float) -> None:
         """Keep the newest node's scan, and draw it into the newest submap."""
+        points, sides, ranges = scan
         node = len(self._graph) - 1
         count = len(points)
         submap = self._submaps[-1]
@@ -337,10 +344,10 @@ class PoseGraphMapper(Mapper):
             submap = Submap(node, self._reach)
             self._submaps.append(submap)
         if self._stats.is_doubtful:
-            self._stats.doubtful.append(scan.stamp)  # until this submap is judged, too
+            self._stats.doubtful.append(stamp)  # until this submap is judged, too
         pose = seen_from(self._graph.poses[submap.first], self._graph.poses[node])
         submap.add(pose, points, sides)
-        self._scans.append(stamps=scan.stamp, fits=fit, counts=count, ranges=scan.ranges)
+        self._scans.append(stamps=stamp, fits=fit, counts=count, ranges=ranges)
         self._scans["points"][-1, :count] = points
         self._scans["sides"][-1, :count] = sides
 

@@ -9,7 +9,7 @@ from slamgym.core.portable import inverted
 from slamgym.core.types import FloatArray, IntArray
 from slamgym.slam.columns import Columns
 from slamgym.slam.graph.factor import elimination_order, rank_anchors
-from slamgym.slam.graph.relative import Match, relative_covariance, step_covariance
+from slamgym.slam.graph.relative import Match, relative_covariance, step_covariance, turned_matrix
 from slamgym.slam.graph.solver import Edges, Solution, edge_errors, optimise
 from slamgym.slam.graph.wheels import SPREADS, WheelCalibration, WheelStep
 
@@ -46,7 +46,13 @@ class PoseGraph:
     def __init__(self) -> None:
         self.wheels = WheelCalibration()
         self._nodes = Columns(
-            poses=(3,), moved=(3,), design=(3, len(SPREADS)), slips=(2,), driven=()
+            {"bound": np.bool_},
+            poses=(3,),
+            moved=(3,),
+            design=(3, len(SPREADS)),
+            slips=(2,),
+            driven=(),
+            bound=(3,),
         )
         self._matches = Columns(
             {"old": np.int64, "new": np.int64},
@@ -98,21 +104,32 @@ class PoseGraph:
         before = self._of_newest + drift_covariance(self._distances[0])
         return step_covariance(motion, before, self._added)
 
-    def append(self, pose: FloatArray, step: WheelStep, information: FloatArray) -> None:
+    def append(
+        self, pose: FloatArray, step: WheelStep, by_wheels: FloatArray, by_laser: FloatArray
+    ) -> None:
         """Add a node.
 
         Args:
             pose: (3,).
             step: Odometry since the last node; of the first one, no motion.
-            information: (3, 3) of the pose seen from the last node, in the map frame.
+            by_wheels: (3, 3) information of the pose seen from the last node, in the map frame.
+            by_laser: (3, 3) information of the pose among the submaps, in the map frame.
         """
         driven = 0.0
+        bound = np.ones(3, dtype=bool)
         if len(self):
-            dx, dy, _ = pose - self.poses[-1]
-            driven = float(self.driven[-1] + np.hypot(dx, dy))
-            self._added = self._added + inverted(information)
+            x, y, heading = self.poses[-1]
+            driven = float(self.driven[-1] + np.hypot(pose[0] - x, pose[1] - y))
+            self._added = self._added + inverted(by_wheels + by_laser)
+            found = inverted(turned_matrix(by_laser, -heading) + np.eye(3))
+            bound = found.diagonal() < np.square([TIED, TIED, TIED_TURN])
         self._nodes.append(
-            poses=pose, moved=step.moved, design=step.design, slips=step.slips, driven=driven
+            poses=pose,
+            moved=step.moved,
+            design=step.design,
+            slips=step.slips,
+            driven=driven,
+            bound=bound,
         )
 
     def tie(self, match: Match, is_sure: bool = False) -> None:
@@ -167,11 +184,9 @@ class PoseGraph:
 
     def _learn_wheels(self, edges: Edges, solution: Solution) -> None:
         """Take the wheels' errors from a solution."""
-        nodes = np.arange(len(self))
         # Where the laser said nothing, nothing is left of the odometry's edge.
-        is_matched = np.isin(nodes, self._matches["new"])
-        is_placed = is_matched | (nodes == 0)
-        seen = is_matched[1:] & is_placed[:-1]
+        bound = self._nodes["bound"]
+        seen = bound[1:] & bound[:-1]
         errors = np.empty((len(seen), 3))
         edge_errors(solution.poses, solution.wheels, plain(edges), errors)
         slips = self._nodes["slips"][1:]

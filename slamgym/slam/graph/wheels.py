@@ -39,8 +39,10 @@ FIRST_NOISE = 16.0
 OUTLYING = 6.0
 """A squared residual counts as at most so many expected ones, the matches' included: by the wheels' alone, noise that
 was once learned to be least could never grow again."""
-LEAST_NOISE = 0.01
-"""Least variance of the random errors that is learned, in those first assumed."""
+LEAST_NOISE = 0.25
+"""Least variance of the random errors that is learned, in those first assumed. Where the laser binds little, the path
+follows the wheels, which then seem to be right: with 0.01 the path through the FHW museum by a laser cut to 4 m is
+0.83 m off, with this 0.33 m. Twenty homes at medium noise are as good."""
 MOST_NOISE = 400.0
 """Largest variance of the random errors that is learned, in those first assumed."""
 
@@ -116,22 +118,24 @@ class WheelCalibration:
             covariance: (4, 4) of them.
             errors: (N, 3) what is left of the odometry's edges.
             slips: (N, 2) of those steps.
-            seen: (N,) true where the laser saw both ends of a step.
+            seen: (N, 3) true where the laser saw both ends of a step, along each of its axes: of a corridor without
+                ends it says how wide that is, and nothing is left of the wheels' errors along it.
         """
         self.systematic = systematic
         self.covariance = covariance
         for kind, axes in enumerate(((0, 1), (2,))):
-            # Over a stretch the errors of wheels grow, those of matches don't.
-            seen_slips = slips[:, kind] * seen
-            stretch = (np.cumsum(seen_slips) / STRETCH[kind]).astype(np.int64)
-            slip = np.bincount(stretch, weights=seen_slips)
-            squared = np.zeros(len(slip))
+            excess = 0.0
+            known = 0.0
             for axis in axes:
-                squared += np.bincount(stretch, weights=errors[:, axis] * seen) ** 2
-            squared /= len(axes)
-            expected = self.noise[kind] * slip + MATCHED[kind]
-            excess = np.minimum(squared, OUTLYING * expected) - MATCHED[kind]
-            weight = PRIOR * STRETCH[kind]
-            learned = float(excess.sum()) + FIRST_NOISE * weight
-            noise = learned / (float(slip.sum()) + weight)
+                # Over a stretch the errors of wheels grow, those of matches don't.
+                seen_slips = slips[:, kind] * seen[:, axis]
+                stretch = (np.cumsum(seen_slips) / STRETCH[kind]).astype(np.int64)
+                slip = np.bincount(stretch, weights=seen_slips)
+                squared = np.bincount(stretch, weights=errors[:, axis] * seen[:, axis]) ** 2
+                expected = self.noise[kind] * slip + MATCHED[kind]
+                squared = np.minimum(squared, OUTLYING * expected)
+                excess += float((squared - MATCHED[kind]).sum())
+                known += float(slip.sum())
+            weight = len(axes) * PRIOR * STRETCH[kind]
+            noise = (excess + FIRST_NOISE * weight) / (known + weight)
             self.noise[kind] = min(max(noise, LEAST_NOISE), MOST_NOISE)
