@@ -77,7 +77,7 @@ def test_a_heading_is_no_short_cut_to_a_place():
     for node in range(101):
         moved = np.array([0.25 * (node > 0), 0.0, 0.0])
         step = WheelStep(moved, np.zeros((3, 4)), nothing + 1e-6)
-        graph.append(np.array([0.25 * node, 0.0, 0.0]), step, 1e6 * np.eye(3))
+        graph.append(np.array([0.25 * node, 0.0, 0.0]), step, 1e6 * np.eye(3), np.zeros((3, 3)))
     graph.tie(Match(0, 100, np.zeros(3), np.diag([0.0, 0.0, WALL_SPREAD**-2])))
     graph.optimise([0, 100], 2)
     assert not graph.is_tied(0)
