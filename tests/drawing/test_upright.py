@@ -11,7 +11,7 @@ from drawing.painted import FLAT, painted
 
 from slamgym.drawing import make_drawing, write_drawing
 from slamgym.drawing.formats.png import draw_picture
-from slamgym.drawing.formats.upright import turned, upright
+from slamgym.drawing.formats.upright import turned_shape, upright
 from slamgym.viz.canvas import WALL_TINT
 
 ASKEW = 35.0
@@ -50,7 +50,7 @@ def test_turning_keeps_sizes_and_can_be_taken_back(drawing):
     shown = upright(drawing)
     assert shown.area == pytest.approx(drawing.area, rel=1e-9)
     assert [door.width for door in shown.doors] == pytest.approx([d.width for d in drawing.doors])
-    back = turned(shown.floor, drawing.angle_deg)
+    back = turned_shape(shown.floor, drawing.angle_deg)
     assert shapely.hausdorff_distance(back, drawing.floor) < 1e-9
     assert off_axes(shapely.get_coordinates(shown.floor)) < 1.5
     assert upright(shown) is shown
@@ -65,7 +65,7 @@ def test_the_svg_is_upright_and_names_the_way_back(drawing, tmp_path):
     (layer,) = [group for group in root.iter(f"{name}g") if group.get("id") == "DOORS"]
     numbers = np.array(re.findall(r"-?[\d.]+", layer[0].get("d")), dtype=float).reshape(-1, 2)
     sheet = shapely.LineString(np.array([left, top]) + numbers * [1e-3, -1e-3])
-    assert shapely.hausdorff_distance(turned(sheet, angle), drawing.doors[0].line) < 1e-3
+    assert shapely.hausdorff_distance(turned_shape(sheet, angle), drawing.doors[0].line) < 1e-3
 
 
 def test_json_geojson_and_dxf_keep_the_frame_of_the_map_and_say_how_it_is_turned(drawing, tmp_path):
@@ -76,7 +76,7 @@ def test_json_geojson_and_dxf_keep_the_frame_of_the_map_and_say_how_it_is_turned
     assert facts["upright"] == collection["upright"]
     assert facts["upright"]["turn_deg"] == pytest.approx(-drawing.angle_deg, abs=1e-3)
     wall = shapely.Polygon(facts["walls"][0]["polygon"][0])
-    assert off_axes(shapely.get_coordinates(turned(wall, facts["upright"]["turn_deg"]))) < 1.5
+    assert off_axes(shapely.get_coordinates(turned_shape(wall, facts["upright"]["turn_deg"]))) < 1.5
     document = ezdxf.readfile(paths[2])
     x, y, _ = document.ucs.get("UPRIGHT").dxf.xaxis
     assert np.degrees(np.arctan2(y, x)) == pytest.approx(drawing.angle_deg)

@@ -21,7 +21,7 @@ def turn_deg(drawing: Drawing) -> float:
     return 0.0 if abs(drawing.angle_deg) < LEAST_TURN else -drawing.angle_deg
 
 
-def turned(shape: _Shape, angle_deg: float) -> _Shape:
+def turned_shape(shape: _Shape, angle_deg: float) -> _Shape:
     """A shape turned counter-clockwise about the origin of the map."""
     return affinity.rotate(shape, angle_deg, origin=(0.0, 0.0)) if angle_deg else shape
 
@@ -31,7 +31,7 @@ def upright(drawing: Drawing) -> Drawing:
     angle = turn_deg(drawing)
     if not angle:
         return drawing
-    changes: dict[str, Any] = {"floor": turned(drawing.floor, angle)}
+    changes: dict[str, Any] = {"floor": turned_shape(drawing.floor, angle)}
     for name in _TURNED:
         changes[name] = tuple(_turned_record(record, angle) for record in getattr(drawing, name))
     changes["inferred_floor"] = _all(drawing.inferred_floor, angle)
@@ -46,14 +46,14 @@ def said_turn(drawing: Drawing) -> str:
 
 
 def _all(shapes: Sequence[_Shape], angle_deg: float) -> tuple[_Shape, ...]:
-    return tuple(turned(shape, angle_deg) for shape in shapes)
+    return tuple(turned_shape(shape, angle_deg) for shape in shapes)
 
 
 def _turned_record(record: Any, angle_deg: float) -> Any:
     """A wall, a door, a room or a line, turned."""
     changes: dict[str, Any] = {}
     if isinstance(record, Segment):
-        changes["start"], changes["end"] = turned(record.line, angle_deg).coords
+        changes["start"], changes["end"] = turned_shape(record.line, angle_deg).coords
     if hasattr(record, "polygon"):
-        changes["polygon"] = turned(record.polygon, angle_deg)
+        changes["polygon"] = turned_shape(record.polygon, angle_deg)
     return dataclasses.replace(record, **changes)
