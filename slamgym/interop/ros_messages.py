@@ -134,10 +134,11 @@ def pose_fields(pose: Pose2D) -> dict[str, Fields]:
     return {"position": position, "orientation": orientation}
 
 
-def transform_fields(header: Fields, child: str, pose: Pose2D) -> Fields:
-    """The fields of a TransformStamped message: the pose of a frame, ``child``, in that of the header."""
+def transform_fields(header: Fields, child: str, pose: Pose2D, height: float = 0.0) -> Fields:
+    """The fields of a TransformStamped message: the pose and height of a frame, ``child``, in that of the header."""
     place = pose_fields(pose)
-    transform = {"translation": place["position"], "rotation": place["orientation"]}
+    translation = {**place["position"], "z": height}
+    transform = {"translation": translation, "rotation": place["orientation"]}
     return {"header": header, "child_frame_id": child, "transform": transform}
 
 

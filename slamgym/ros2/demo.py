@@ -124,6 +124,7 @@ def _start_nodes(
             *_option("out", parameters.out),
             *_option("rerun", parameters.rerun),
             *_option("video", parameters.video),
+            *_option("view", parameters.view),
             "--exit",
         ],
     }

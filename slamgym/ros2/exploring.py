@@ -96,9 +96,13 @@ class ExploreNode(ManagedNode):
         self._driver = Driver(self, names, self._end_goal)
         self._display = Display(self, names)
         self._listen()
-        self.serve("start", self._start, at_once=True)
-        self.serve("stop", self._stop, at_once=True)
-        self.serve("return_to_start", self._return_to_start, at_once=True)
+        self._orders = {
+            "start": self._start,
+            "stop": self._stop,
+            "return_to_start": self._return_to_start,
+        }
+        for name, action in self._orders.items():
+            self.serve(name, action, at_once=True)
         self.create_timer(0.1, self._look, clock=self.wall_clock)
         self.begin_life()
 
@@ -148,6 +152,8 @@ class ExploreNode(ManagedNode):
 
     def _look(self) -> None:
         """Go on without the mapper's pose, and stop a robot that sees nothing."""
+        for order in self._display.orders():
+            self._orders[order]()
         now = time.monotonic()
         if self._due is not None and now - self._due.since > POSE_WAIT:
             self._go()

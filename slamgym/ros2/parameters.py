@@ -114,6 +114,8 @@ class ExploreParameters(FrameNames):
     """Recording to write, .rrd, which the rerun viewer shows on a timeline."""
     video: str = ""
     """Film to write, .mp4 or .gif."""
+    view: Annotated[int, Within(ge=0, le=65535)] = 0
+    """Port of a live view for the browser, http://localhost:PORT, with a button that stops the robot; 0: none."""
 
     def _check(self) -> None:
         if len(self.area) % 2 or 0 < len(self.area) < 6:
@@ -140,3 +142,5 @@ class DemoParameters(WorldParameters):
     """Recording to write, .rrd, for the rerun viewer."""
     video: str = ""
     """Film to write, .mp4 or .gif."""
+    view: Annotated[int, Within(ge=0, le=65535)] = 0
+    """Port of a live view for the browser, http://localhost:PORT; 0: none."""

@@ -39,6 +39,11 @@ COMMAND_TIMEOUT = 0.5
 """Without a command for so long the robot stops [s]."""
 LONGEST_WAIT = 0.2
 """As fast as commands come, the simulation waits for one so long [s]."""
+BODY_HEIGHT = 0.010
+"""Of a Waffle Pi's base_link over the floor [m], as TurtleBot3's description has it."""
+LASER_HEIGHT = 0.122
+"""Of its laser over the body [m]. At height 0 rounding may put echoes below the floor, where Nav2's obstacle
+layers (``min_obstacle_height`` 0) and the voxels of its local costmap (``origin_z`` 0) pass them over."""
 TICKS = 6
 """Messages of clock, odometry and transform in a step of 0.2 s: 30 a second, as TurtleBot3's bringup sends them."""
 
@@ -120,10 +125,13 @@ class SimNode(RosNode):
     def _send_fixed_frames(self, names: SimParameters) -> None:
         """Publish where the body is on the robot, and the laser on the body, in one message: only the last is kept."""
         on_body = self.header(BEGIN, names.body_frame)
-        fixed = [transform_fields(on_body, names.laser_frame, self._lidar.geometry.mount)]
-        if names.body_frame != names.base_frame:
+        mount = self._lidar.geometry.mount
+        has_body = names.body_frame != names.base_frame
+        height = LASER_HEIGHT if has_body else BODY_HEIGHT + LASER_HEIGHT
+        fixed = [transform_fields(on_body, names.laser_frame, mount, height)]
+        if has_body:
             on_floor = self.header(BEGIN, names.base_frame)
-            fixed.insert(0, transform_fields(on_floor, names.body_frame, AT_REST))
+            fixed.insert(0, transform_fields(on_floor, names.body_frame, AT_REST, BODY_HEIGHT))
         self._send["tf_static"](*fixed)
 
     def _reset(self) -> str:

@@ -1,7 +1,8 @@
-"""What an exploration shows: status, frontiers and path on topics, a recording for rerun, a film."""
+"""What an exploration shows: status, frontiers and path on topics, a recording for rerun, a film, a live view."""
 
 import contextlib
 import math
+from collections.abc import Iterator
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -14,6 +15,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from slamgym.core.types import FloatArray, LaserScan, OccupancyGrid, Pose2D
 from slamgym.interop.ros_messages import Fields, pose_fields
 from slamgym.ros2.exploration import Exploration
+from slamgym.ros2.live_view import LiveState, LiveView
 from slamgym.ros2.node import LATCHED, RosNode, fill
 from slamgym.ros2.parameters import ExploreParameters
 from slamgym.viz.films import open_film
@@ -61,6 +63,15 @@ class Display:
             recording = open_recording(FilePath(parameters.rerun))
             self._recording = self._files.enter_context(recording)
         self._view = GrowingView()
+        self._live = None
+        if parameters.view:
+            self._live = LiveView(parameters.view)
+            node.get_logger().info(f"live view: {self._live.address}")
+
+    def orders(self) -> Iterator[str]:
+        """What a person at the live view has asked for since the last call."""
+        while self._live is not None and not self._live.orders.empty():
+            yield self._live.orders.get()
 
     def show(
         self,
@@ -76,9 +87,16 @@ class Display:
             self._node.get_logger().info(self._text)
             self._status({"data": self._text})
             self._publish(exploration, self._node.header(stamp, self._parameters.map_frame))
+        if pose is not None:
+            self._note_pose(pose)
+        if self._live is not None:
+            view = exploration.view()
+            way = tuple((x, y) for x, y, _ in self._driven)
+            self._live.show(
+                LiveState(self._text, grid, pose, way, view.frontiers, view.chosen, view.path)
+            )
         if pose is None or grid is None or scan is None:
             return
-        self._note_pose(pose)
         if self._recording is not None:
             driven = np.array(self._driven)[:, :2]
             belief = RobotBelief(grid, pose, scan, driven, self._parameters.robot_radius)
@@ -115,7 +133,9 @@ class Display:
         self._paths({"header": header, "poses": poses})
 
     def close(self) -> None:
-        """Complete the files."""
+        """Complete the files, and end the live view."""
+        if self._live is not None:
+            self._live.close()
         self._files.close()
 
 

@@ -66,6 +66,8 @@ ELSEWHERE = {
     "ros2 map": "names its files itself; tests/ros2/test_map_node.py",
     "ros2 explore": "names its files itself; tests/ros2/test_explore_node.py",
     "ros2 demo": "runs the other three",
+    "drive": "writes the map that the command line names; tests/commands/test_drive_command.py",
+    "dataset pack": "names its files itself, entries as the manifest does; tests/dataset/images/test_pack.py",
     "reproduce": "runs other commands on folders that it names itself",
     "plans fetch": "writes the file that the command line names; tests/cad/test_public_archives.py",
     "doctor": "reads and writes nothing of the user's",

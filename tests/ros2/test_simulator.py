@@ -204,6 +204,12 @@ def test_one_message_says_all_fixed_frames_as_only_the_last_is_kept(desk):
     (fixed,) = desk.sent["/tf_static"]
     assert frames(fixed) == [("base_footprint", "base_link"), ("base_link", "base_scan")]
     assert fixed.transforms[1].transform.translation.x == CONFIG.lidar.mount[0]
+    assert laser_height(fixed) == pytest.approx(0.132)  # a Waffle Pi's
+
+
+def laser_height(fixed):
+    """Of the laser over the floor [m]."""
+    return sum(one.transform.translation.z for one in fixed.transforms)
 
 
 def test_frames_are_parameters_and_a_robot_may_have_one_less(desk):
@@ -211,6 +217,7 @@ def test_frames_are_parameters_and_a_robot_may_have_one_less(desk):
     node = desk.make(Still, SimParameters(seed=2, **names, **FAST), CONFIG)
     node.step()
     assert frames(desk.sent["/tf_static"][0]) == [("b", "l")]
+    assert laser_height(desk.sent["/tf_static"][0]) == pytest.approx(0.132)
     assert frames(desk.sent["/tf"][0]) == [("o", "b")]
     odom = desk.sent["/odom"][0]
     assert (odom.header.frame_id, odom.child_frame_id) == ("o", "b")

@@ -126,7 +126,7 @@ def _shards(
 def _pictures(layout: ImageLayout, record: ImageRecord) -> dict[str, bytes]:
     """Both PNG files of a pair, verified."""
     load_images(layout.root, record)
-    found = {}
+    found = dict[str, bytes]()
     for side in SIDES:
         path = layout.image(record.split, side, record.name)
         found[side] = read_bytes(path)
