@@ -56,7 +56,7 @@ TERMS = [
     Term("parametric model", "the paper's: bends a CAD map as SLAM would, without scans", "slamgym.parametric.model:deform"),
     Term("plan cache", "floor plans prepared for exploration, and the source of the next one", "slamgym.envs.plan_cache:PlanCache"),
     Term("pose graph", "scans as nodes, matches as edges, solved by least squares; closes loops globally", "slamgym.slam.graph.mapper:PoseGraphMapper"),
-    Term("promise", "least share of the floor seen when an explorer stops, with its certainty: `98%:95%`", "slamgym.planning.promise:Promise"),
+    Term("promise", "a stopping criterion: least share of the floor seen, with its certainty: `98%:95%`", "slamgym.planning.promise:Promise"),
     Term("RBPF", "Rao-Blackwellised particle filter: each particle has its own path and map, as in GMapping", "slamgym.slam.particle_filter:ParticleFilter"),
     Term("recipe", "distributions from which each exploration's settings are sampled", "slamgym.dataset.generate.recipe:Recipe"),
     Term("recovery behaviour", "action tried before an exploration ends because no candidate is left", "slamgym.planning.recovery:RecoveryBehaviours"),
@@ -68,7 +68,7 @@ TERMS = [
 MEASURES = [
     Measure("absolute trajectory error (ATE)", "rmse of |x_i - T y_i| over the moments i, T the best rigid motion", "m, rad", "lower", "slamgym.metrics.trajectory:absolute_trajectory_error", "Sturm et al. 2012"),
     Measure("relative pose error (RPE)", "rmse of the motions over a fixed time, estimated against true", "m, rad", "lower", "slamgym.metrics.trajectory:relative_pose_error", "Sturm et al. 2012"),
-    Measure("NEES", "e^T P^-1 e of the pose error e and the reported covariance P; 3 on average if P is honest", "", "", "slamgym.metrics.trajectory:normalised_estimation_error_squared", "Bar-Shalom, Li and Kirubarajan 2001, section 5.4"),
+    Measure("NEES", "e^T P^-1 e of the pose error e and the reported covariance P; 3 on average if P is right", "", "", "slamgym.metrics.trajectory:normalised_estimation_error_squared", "Bar-Shalom, Li and Kirubarajan 2001, section 5.4"),
     Measure("relation error", "mean of |(x_j - x_i) - d_ij| over the given relations", "m, rad", "lower", "slamgym.metrics.trajectory:relation_error", "Kuemmerle et al. 2009"),
     Measure("mean squared error", "mean (a - b)^2 over the pixels of the free space, 1 where free", "", "lower", "slamgym.metrics.maps:squared_error", "the paper's Table I"),
     Measure("aligned error (MSE1, MSE2)", "the mean squared error after the best similarity transform", "", "lower", "slamgym.metrics.alignment:aligned_error", "the paper's Table I"),
