@@ -15,6 +15,7 @@ from slamgym.agents.bench.manifest import BENCH, BENCH_VERSION, Manifest, Track,
 from slamgym.agents.evaluation.coverage_curve import horizon
 from slamgym.agents.evaluation.evaluate import Evaluation, EvaluationConfig, run_trials
 from slamgym.agents.evaluation.summary import DONE, censored, succeeded
+from slamgym.agents.evaluation.team_trial import TeamName
 from slamgym.agents.evaluation.trial import FailedTrial, Trial, TrialConfig
 from slamgym.cad import FloorPlan, PlanSource
 from slamgym.core.config import Counted, Measured, Share, Within, from_dict
@@ -262,24 +263,26 @@ def _read_result(path: Path, manifest: Manifest) -> BenchResult:
             path, f"does not hold the explorations of the track {track.name!r}; run it again"
         )
     for number, row in enumerate(result.rows):
-        fault = _impossibility(row, wanted.trial)
+        fault = _impossibility(row, wanted.trial, TeamName.read(result.explorer).robots)
         if fault:
             raise InputFileError(path, f"rows[{number}], {row.plan}: {fault}; run the track again")
     return result
 
 
-def _impossibility(row: BenchRow, trial: TrialConfig) -> str:
-    """Why no robot of the benchmark has made an exploration; empty if one may have."""
-    speed = trial.env.robot.max_linear
+def _impossibility(row: BenchRow, trial: TrialConfig, robots: int) -> str:
+    """Why no robots of the benchmark have made an exploration; empty if so many may have."""
+    speed = robots * trial.env.robot.max_linear
     if row.path > MEASURING_MARGIN * speed * row.done + 1.0:
-        return f"{row.path:g} m in {row.done:g} s is faster than the robot, {speed:g} m/s"
+        return (
+            f"{row.path:g} m in {row.done:g} s is faster than {robots} of the robot, {speed:g} m/s"
+        )
     if not row.success:
         return ""
     if row.coverage < SEEN - 1e-3:
         return f"a success has seen {SEEN:.0%} of the floor, not {row.coverage:.1%}"
     # What a scanner can see of a way: the floor within its range.
     sight = MEASURING_MARGIN * trial.env.lidar.range_max
-    seen = math.pi * sight**2 + 2.0 * sight * row.path
+    seen = robots * math.pi * sight**2 + 2.0 * sight * row.path
     if seen < SEEN * row.area:
         return f"on a path of {row.path:g} m nobody sees {row.area:g} m2"
     turned = math.pi / trial.env.robot.max_angular

@@ -1,5 +1,6 @@
 """One exploration by a team: so many robots with an explorer each, measured as a single robot is."""
 
+import math
 import time
 from dataclasses import replace
 from typing import NamedTuple
@@ -16,9 +17,10 @@ from slamgym.agents.evaluation.trial import (
 )
 from slamgym.agents.registry import make_explorer
 from slamgym.core.errors import ConfigError
+from slamgym.core.types import Pose2D
 from slamgym.envs.episode import fitted_env
 from slamgym.envs.explore_env import explorer_context
-from slamgym.envs.plan_cache import ResetOptions
+from slamgym.envs.plan_cache import PreparedPlan, ResetOptions
 from slamgym.envs.team_config import MOST_ROBOTS
 from slamgym.envs.team_episode import team_steps
 from slamgym.envs.team_exploration import TeamExploration
@@ -74,7 +76,8 @@ def run_team_trial(task: Task, config: TrialConfig) -> Trial:
         make_explorer(name.explorer, context, task.seed, config.promise) for _ in range(name.robots)
     ]
     points = []
-    for _ in team_steps(team, explorers, task.seed, ResetOptions(task.plan)):
+    wanted = ResetOptions(task.plan, _starts(task, team))
+    for _ in team_steps(team, explorers, task.seed, wanted):
         path = sum(robot.path_length for robot in team.robots)
         points.append((team.time, path, team.coverage))
     curve = curve_of(points)
@@ -89,6 +92,20 @@ def run_team_trial(task: Task, config: TrialConfig) -> Trial:
         cpu=round(time.process_time() - began, 4),
         curve=curve.thinned().to_dict(),
     )
+
+
+def _starts(task: Task, team: TeamExploration) -> tuple[Pose2D, ...]:
+    """Starts of a team whose first robot's is given, the others drawn by the seed; none if that one is drawn, too."""
+    if task.start is None:
+        return ()
+    rng = np.random.default_rng(task.seed)
+    prepared = PreparedPlan(task.plan, team.config.robot)
+    starts = [task.start]
+    while len(starts) < len(team):
+        start = prepared.sample_start(rng)
+        if min(math.dist(start[:2], other[:2]) for other in starts) > 1.0:
+            starts.append(start)
+    return tuple(starts)
 
 
 def _path_errors(team: TeamExploration) -> list[float]:

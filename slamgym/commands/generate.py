@@ -64,6 +64,9 @@ class GenerateArguments(Arguments):
     ``quick``."""
     trajectories: Count | None = None
     """Explorations of each plan that come one after the other: several SLAM maps of one CAD map; by default 1."""
+    robots: Count | None = None
+    """So many explore each building together, 4 at most, for one merged map a pair; by default 1. Path and log of a
+    pair are those of the first robot."""
     workers: CountOrZero = 0
     """Processes; 0 takes one per core."""
     engine: EngineName = "local"
@@ -122,6 +125,7 @@ def dataset_config(arguments: GenerateArguments) -> DatasetConfig:
         "plans_filter": arguments.plans_filter,
         "trajectories": arguments.trajectories,
         "explorer": arguments.explorer,
+        "team.robots": arguments.robots,
         "minutes": arguments.minutes,
         "recipe": arguments.recipe and open_recipe(arguments.recipe),
     }

@@ -1,8 +1,9 @@
-"""``slamgym watch``: see a robot explore, in a window or in a film."""
+"""``slamgym watch``: see robots explore, in a window or in a film."""
 
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -11,13 +12,15 @@ import numpy as np
 from slamgym.commands.frame import MaybeOut, require_plan
 from slamgym.commands.settings import AllSettings, SettingsOptions
 from slamgym.core.config import Arguments, Positive, Seed, Within
+from slamgym.core.errors import ConfigError
 from slamgym.core.geometry import transform_points, transform_poses
 from slamgym.core.progress import say, tell
 
 if TYPE_CHECKING:
     from slamgym.agents.explorer import BatchedExplorer
     from slamgym.cad import FloorPlan
-    from slamgym.envs import ExploreEnv
+    from slamgym.core.types import ByteArray
+    from slamgym.envs import ExploreConfig, ExploreEnv
     from slamgym.planning.exploration_loop import ExplorationLoop
     from slamgym.viz.recording import Deliberation
 
@@ -33,6 +36,8 @@ class WatchArguments(Arguments):
     """Id of the plan; by default one that follows from the seed."""
     explorer: str = "rl"
     """Who drives: ``rl``, ``explore_lite``, ``nearest``, ..."""
+    robots: Annotated[int, Within(ge=1, le=4)] = 1
+    """So many explore the building together."""
     out: MaybeOut = None
     """Film to write, .mp4 or .gif; without film and recording a window opens."""
     rerun: Path | None = None
@@ -57,13 +62,18 @@ class WatchArguments(Arguments):
             check_film_name(self.out)
         if self.rerun is not None:
             check_recording_name(self.rerun)
+            if self.robots > 1:
+                raise ConfigError("--rerun records one robot; leave it or --robots out")
 
 
 def main(arguments: WatchArguments) -> None:
     """Run the command."""
     plan = choose_plan(arguments.plans, arguments.plan, arguments.seed)
-    with contextlib.closing(_make_env(arguments, plan)) as env:
-        _explore(env, plan, arguments)
+    if arguments.robots > 1:
+        _explore_together(plan, arguments)
+    else:
+        with contextlib.closing(_make_env(arguments, plan)) as env:
+            _explore(env, plan, arguments)
     for path in filter(None, (arguments.out, arguments.rerun)):
         tell(f"{path}")
 
@@ -79,12 +89,63 @@ def choose_plan(source: str, plan_id: str | None, seed: int) -> FloorPlan:
     return plans.load(require_plan(source, plan_id, plans.ids))
 
 
-def _make_env(arguments: WatchArguments, plan: FloorPlan) -> ExploreEnv:
-    from slamgym.envs import ExploreConfig, ExploreEnv
+def _configure(arguments: WatchArguments, plan: FloorPlan) -> ExploreConfig:
+    from slamgym.envs import ExploreConfig
     from slamgym.envs.episode import fitted_env
 
-    config = arguments.settings.configured(ExploreConfig(), {})
-    config = fitted_env(plan, config.for_explorer(), arguments.minutes)
+    options = {"team.robots": arguments.robots}
+    config = arguments.settings.configured(ExploreConfig(), options)
+    return fitted_env(plan, config.for_explorer(), arguments.minutes)
+
+
+def _explore_together(plan: FloorPlan, arguments: WatchArguments) -> None:
+    """Run the exploration of a team, in a window or in a film."""
+    from slamgym.agents.registry import make_explorer
+    from slamgym.envs.explore_env import explorer_context
+    from slamgym.envs.plan_cache import ResetOptions
+    from slamgym.envs.team_episode import team_steps
+    from slamgym.envs.team_exploration import TeamExploration
+    from slamgym.viz.exploration import Renderer
+
+    config = _configure(arguments, plan)
+    team = TeamExploration(plan, config)
+    context = explorer_context(config)
+    explorers = [
+        make_explorer(arguments.explorer, context, arguments.seed) for _ in range(arguments.robots)
+    ]
+    renderer = Renderer()
+    with contextlib.ExitStack() as files:
+        show, stride = _open_screen(files, arguments, config)
+        for number in team_steps(team, explorers, arguments.seed, ResetOptions(plan)):
+            if number % stride == 0:
+                show(renderer.draw(team.scene()))
+        show(renderer.draw(team.scene()))
+    is_explored = all(explorer.finished for explorer in explorers)
+    say(
+        f"{plan.id}: {'explored' if is_explored else 'time is up'} after {team.time / 60.0:.1f} min by "
+        f"{arguments.robots} robots, {100.0 * team.coverage:.1f} % covered"
+    )
+
+
+def _open_screen(
+    files: contextlib.ExitStack, arguments: WatchArguments, config: ExploreConfig
+) -> tuple[Callable[[ByteArray], None], int]:
+    """What shows pictures, a film or a window, and every how many-th step it shows."""
+    from slamgym.viz.films import open_film
+    from slamgym.viz.window import Window
+
+    if arguments.out is not None:
+        stride = max(1, round(arguments.speed / arguments.fps / config.control_step))
+        return files.enter_context(open_film(arguments.out, arguments.fps)), stride
+    window = Window("slamgym", round(config.lidar.rate))
+    files.callback(window.close)
+    return window.show, 1
+
+
+def _make_env(arguments: WatchArguments, plan: FloorPlan) -> ExploreEnv:
+    from slamgym.envs import ExploreEnv
+
+    config = _configure(arguments, plan)
     has_window = arguments.out is None and arguments.rerun is None
     return ExploreEnv(plan, config, render_mode="human" if has_window else "rgb_array")
 

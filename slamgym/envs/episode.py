@@ -18,6 +18,7 @@ from slamgym.core.types import (
 )
 from slamgym.envs import EpisodeLog, ExploreConfig, ExploreEnv
 from slamgym.envs.stuck import StuckWatch
+from slamgym.envs.team_config import TeamConfig
 from slamgym.interop import LogRecord
 from slamgym.planning import ExplorerContext
 
@@ -125,7 +126,8 @@ def check_explorer(config: EpisodeConfig, make_explorer: MakeExplorer, name: str
     Raises:
         ConfigError: If there is no explorer of that name, or the environment refuses a setting.
     """
-    make_explorer(name, ExploreEnv("bundled", config.env).explorer_context())
+    alone = dataclasses.replace(config.env, team=TeamConfig())
+    make_explorer(name, ExploreEnv("bundled", alone).explorer_context())
 
 
 def episode_steps(

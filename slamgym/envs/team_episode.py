@@ -5,7 +5,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from gymnasium.utils import seeding
 
-from slamgym.core.types import UNKNOWN, Explorer, OccupancyGrid, Pose2D
+from slamgym.cad import FloorPlan
+from slamgym.core.errors import ConfigError
+from slamgym.core.types import UNKNOWN, Explorer, OccupancyGrid, Pose2D, Trajectory
+from slamgym.envs.episode import Episode, EpisodeConfig, MakeExplorer, fitted_env, time_limit
+from slamgym.envs.explore_env import explorer_context
 from slamgym.envs.plan_cache import ResetOptions
 from slamgym.envs.simulation import Actions
 from slamgym.envs.team_exploration import TeamExploration
@@ -62,6 +66,46 @@ def team_steps(
         is_over = bool(outcome.truncations.any())
         count += 1
         yield count
+
+
+def run_team_episode(
+    plan: FloorPlan, seed: int, config: EpisodeConfig, make_explorer: MakeExplorer
+) -> Episode:
+    """Let a team map a building until all are done or the time is up; see :func:`~slamgym.envs.episode.run_episode`.
+
+    Path, odometry and log are the first robot's, in whose frame the merged map is; contacts are those of all.
+
+    Raises:
+        PlanError: If there is no room for the robots in the plan.
+        ConfigError: If there is no explorer of that name, or the settings end an exploration that is stuck.
+    """
+    if config.stuck_after is not None:
+        raise ConfigError("stuck_after watches one robot; leave it or the team out")
+    plan = plan.turned(config.turn_deg)
+    env = fitted_env(plan, config.env, config.minutes)
+    team = TeamExploration(plan, env)
+    context = explorer_context(env)
+    explorers = [make_explorer(config.explorer, context, seed) for _ in range(len(team))]
+    for _ in team_steps(team, explorers, seed, ResetOptions(plan)):
+        pass
+    first = team.robots[0]
+    log = team.logs[0]
+    return Episode(
+        plan=plan,
+        seed=seed,
+        start=first.start,
+        slam_map=merged_map(team),
+        truth=log.true_trajectory(first.start),
+        odometry=Trajectory(log.stamps, log.odometry),
+        estimate=first.mapper.trajectory(),
+        final_estimate=first.believed_pose,
+        geometry=first.scan.geometry,
+        log=log,
+        finished="explored" if all(one.finished for one in explorers) else "time_limit",
+        time_limit=time_limit(plan, config.minutes),
+        coverage=team.coverage,
+        collisions=sum(robot.collisions for robot in team.robots),
+    )
 
 
 def known_area(grid: OccupancyGrid) -> float:

@@ -10,15 +10,17 @@ import numpy as np
 import pytest
 import shapely
 
+from slamgym.agents import make_explorer
 from slamgym.cad import FloorPlan
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid, Pose2D
 from slamgym.envs import ExploreConfig, ExploreEnv, team_maps
 from slamgym.envs.config import resolve_config
+from slamgym.envs.episode import EpisodeConfig
 from slamgym.envs.plan_cache import ResetOptions
 from slamgym.envs.team import parallel_env
 from slamgym.envs.team_config import TeamConfig
-from slamgym.envs.team_episode import merged_map
+from slamgym.envs.team_episode import merged_map, run_team_episode
 from slamgym.envs.team_exploration import TeamExploration
 from slamgym.envs.team_maps import SharedMap, TeamMaps
 
@@ -228,3 +230,15 @@ def test_a_wide_hall_is_split_between_robots_in_sight_only():
     near = {"start": [(2.6, 0.6, 0.0), (3.6, 0.6, 0.0)]}
     pair = explored(plan, near, steps=0, exchange="meeting")
     assert not pair.maps.is_heard.any()
+
+
+def test_a_team_maps_a_building_as_one_episode(flat):
+    env = resolve_config(None, {"team": {"robots": 2}, "localization": "ground_truth"})
+    config = EpisodeConfig("nearest", 0.3, env=env)
+    episode = run_team_episode(flat, 3, config, make_explorer)
+    assert episode.finished == "time_limit"
+    assert episode.robot_seconds == pytest.approx(18.0, abs=0.2)  # the stamp of the last scan
+    left, _, right, _ = episode.slam_map.frame.bounds
+    assert right - left > 5.0, "both rooms are on it"
+    with pytest.raises(ConfigError, match="stuck_after watches one robot"):
+        run_team_episode(flat, 3, replace(config, stuck_after=1.0), make_explorer)

@@ -154,8 +154,8 @@ class BenchRunArguments(Arguments):
     Without an ``@`` it stops at the promise 98%:95%."""
     out: Out
     """Folder of the results; all explorers and tracks may share it."""
-    track: Literal["homes", "loops", "large", "furnished", "people", "all"] = "homes"
-    """Which buildings."""
+    track: Literal["homes", "loops", "large", "furnished", "people", "teams", "all"] = "homes"
+    """Which buildings; ``teams``, which is not among ``all``, is for several robots, as ``rl*2``."""
     plans: str = "json.tar.gz"
     """Your copy of HouseExpo, for all tracks but ``loops`` and ``large``; `slamgym plans fetch` downloads it."""
     quick: bool = False
@@ -180,11 +180,13 @@ class LeaderboardArguments(Arguments):
 def bench_command(arguments: BenchRunArguments) -> None:
     """Run ``slamgym bench run``."""
     from slamgym.agents.bench.leaderboard import describe_boards, rank
-    from slamgym.agents.bench.manifest import open_bench_plans, read_bench
+    from slamgym.agents.bench.manifest import TEAMS, open_bench_plans, read_bench
     from slamgym.agents.bench.results import bench_result, run_bench, write_result
 
     bench = read_bench()
-    tracks = bench.tracks if arguments.track == "all" else (bench.track(arguments.track),)
+    tracks = tuple(track for track in bench.tracks if track.name != TEAMS)
+    if arguments.track != "all":
+        tracks = (bench.track(arguments.track),)
     # Opened before any work: a missing copy is said at once.
     opened = [
         (track, open_bench_plans(track, arguments.plans))

@@ -21,6 +21,7 @@ from slamgym.dataset.format import write_episode
 from slamgym.dataset.generate.recipe import DatasetConfig, episode_conditions
 from slamgym.dataset.record import Slot, make_pair
 from slamgym.envs.episode import MakeExplorer, run_episode
+from slamgym.envs.team_episode import run_team_episode
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,8 @@ def _write_pair(exploration: ExplorationTask, staged: Path) -> None:
     slot = exploration.slot
     config = exploration.config
     settings, conditions = episode_conditions(config.recipe, config.episode, slot.seed)
-    episode = run_episode(exploration.plan, slot.seed, settings, exploration.make_explorer)
+    run = run_team_episode if settings.env.team.robots > 1 else run_episode
+    episode = run(exploration.plan, slot.seed, settings, exploration.make_explorer)
     pair = make_pair(episode.plan, episode.start, episode.slam_map, config.pair)
     write = functools.partial(write_episode, episode=episode)
     stage_pair(staged, write, slot, episode.plan, pair, episode, conditions, config_hash(config))
