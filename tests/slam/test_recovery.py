@@ -6,12 +6,12 @@ import pytest
 from slamgym.core.types import LaserGeometry, Pose2D
 from slamgym.slam.graph import recovery
 from slamgym.slam.graph.alignment import Alignment, NormalEquations
-from slamgym.slam.graph.recovery import Recovery, View, count_in_sight
-from slamgym.slam.graph.submaps import SUBMAP_CELL, sides_of
+from slamgym.slam.graph.recovery import Recovery, View, count_seen_through
+from slamgym.slam.graph.submaps import sides_of
 
 LASER = LaserGeometry(180, np.radians(-89.5), np.radians(1.0), 0.1, 4.0, Pose2D(0.0, 0.0, 0.0))
 USABLE = 3.95
-INFORMATION = np.diag([25.0, 25.0, 25.0])  # of wheels that err by 0.2 m and 0.2 rad
+INFORMATION = np.diag([400.0, 400.0, 25.0])  # of wheels that err by 0.05 m and 0.2 rad
 
 
 def view(pose: np.ndarray, end: float) -> View:
@@ -75,13 +75,12 @@ def test_a_turn_that_the_wheels_missed_is_found(monkeypatch):
     ],
 )
 def test_a_point_says_something_only_where_a_scan_saw_through_it(point, count):
-    found = count_in_sight(
+    found = count_seen_through(
         np.array([point]),
         np.zeros(3),
         view(np.zeros(3), 9.0).ranges,
         LASER.angle_min,
         LASER.angle_increment,
         USABLE,
-        -SUBMAP_CELL,
     )
     assert found == count
