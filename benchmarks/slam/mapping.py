@@ -108,6 +108,8 @@ def main() -> None:
         if rows:
             name = f"slam/mapping_{part}"
             rows = with_other_modes(RESULTS / f"{name}.json", rows)
+            if RATIO in columns:
+                rows = with_ratios(rows)
             print_and_save(name, part, rows, columns, MODULES)
 
 
@@ -161,11 +163,7 @@ def logs(arguments: argparse.Namespace) -> Rows:
     if arguments.logs is None:
         return []
     modes = [mode for mode in arguments.modes if mode not in BY_ODOMETRY]
-    rows = recorded_logs.log_rows(arguments.logs, modes, arguments.seeds)
-    names = dict.fromkeys(row["log"] for row in rows)
-    return [
-        row for name in names for row in with_ratio([row for row in rows if row["log"] == name])
-    ]
+    return recorded_logs.log_rows(arguments.logs, modes, arguments.seeds)
 
 
 def demo(arguments: argparse.Namespace) -> Rows:
@@ -214,13 +212,17 @@ def drive_rows(
     sweep = f", sweep {case.sweep:g} s" if case.sweep else ""
     laser = f"{case.laser} {case.range_max:g} m{sweep}"
     name = {"drives": f"{len(drives)} {kind}: {case.odometry}, {laser}"}
-    return with_ratio([name | drive_row(drives, case, mode) for mode in arguments.modes])
+    return [name | drive_row(drives, case, mode) for mode in arguments.modes]
 
 
-def with_ratio(rows: Rows) -> Rows:
-    """The rows of one case with their times divided by that of GMapping's filter."""
-    whole = {row["mode"]: row["ms per scan"] for row in rows}.get(GMAPPING)
-    return [row | {RATIO: whole and round(row["ms per scan"] / whole, 3)} for row in rows]
+def with_ratios(rows: Rows) -> Rows:
+    """The rows, those of drives and logs with their times divided by that of GMapping's filter on the same ones."""
+    whole = {_subject(row): row["ms per scan"] for row in rows if row.get("mode") == GMAPPING}
+    found = []
+    for row in rows:
+        each = whole.get(_subject(row))
+        found.append(row | {RATIO: each and round(row["ms per scan"] / each, 3)})
+    return found
 
 
 def drive_row(drives: Sequence[Drive], case: Conditions, mode: str) -> dict[str, Any]:

@@ -204,16 +204,18 @@ def show_cells(arguments: argparse.Namespace, spread: Spread) -> None:
     for index, (robot, place) in enumerate(cells):
         drives = results[index * arguments.drives : (index + 1) * arguments.drives]
         rows.append({"robot": robot, "place": place} | cell_figures(drives, arguments.modes))
-    first = f"{arguments.modes[0]} start [m]"
-    rows.sort(key=lambda row: row[first], reverse=True)
     if not rows:
         return
     title = f"robot in a place, {arguments.drives} drives each, sweep {arguments.sweep}"
-    columns = list(rows[0])
-    if len(cells) == len(ROBOTS) * len(PLACES):
-        name = f"slam/zoo_sweep_{arguments.sweep}"
+    name = f"slam/zoo_sweep_{arguments.sweep}"
+    is_whole = len(cells) == len(ROBOTS) * len(PLACES)
+    if is_whole:
         rows = with_other_modes(RESULTS / f"{name}.json", rows)
-        print_and_save(name, title, rows, list(rows[0]), MODULES)
+    columns = list(rows[0])
+    errors = [column for column in columns if column.endswith("start [m]")]
+    rows.sort(key=lambda row: row[errors[0]], reverse=True)
+    if is_whole:
+        print_and_save(name, title, rows, columns, MODULES)
     else:
         print_table(title, rows, columns)
 
