@@ -94,6 +94,8 @@ def fetch_command(arguments: FetchPlans) -> None:
         task = progress.add_task(path.name, total=None)
 
         def show(done: int, total: int) -> None:
+            if total and progress.tasks[0].total is None:
+                say(f"{path.name}: {total / 1e6:.0f} MB to download")
             progress.update(task, completed=done, total=total or None)
 
         count = fetch_houseexpo(path, advance=show, sha256=arguments.sha256)

@@ -162,8 +162,10 @@ def test_the_command_shows_the_licence_and_says_what_is_wrong(
     monkeypatch.chdir(tmp_path)
     shutil.rmtree(tmp_path / "json")
     assert main(["fetch", "houseexpo"]) == 0
-    printed = capsys.readouterr().out
+    shown = capsys.readouterr()
+    printed = shown.out
     assert printed.startswith("HouseExpo")
+    assert shown.err.count("json.tar.gz: 0 MB to download") == 1  # said first, and once
     assert "json.tar.gz: 3 plans" in printed
     monkeypatch.setattr(archives, "HOUSEEXPO_URL", archive + ".none")
     with pytest.raises(DownloadError, match="404"):
