@@ -8,11 +8,12 @@ export OMP_NUM_THREADS ?= 1
 # Some machines forbid the compiled modules: each of the hundreds of processes of the tests would compile them again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup demo test smoke figures site fuzz check types format clean lowest
+.PHONY: help setup demo test messages smoke figures site fuzz check types format clean lowest
 
 help:
 	@echo "make demo    explore the bundled plans, write map pairs and a contact sheet to $(DEMO)"
 	@echo "make test    run the tests, the same examples each time"
+	@echo "make messages  build the ROS 2 messages that have no wheel: tests with real tf2_msgs, nav2_msgs, map_msgs"
 	@echo "make smoke   the paper's experiments at the smallest scale: out/smoke/report.html"
 	@echo "make figures write the figures of benchmarks/results into the README and the documentation"
 	@echo "make site    build the documentation: out/site/index.html"
@@ -48,6 +49,9 @@ test: $(VENV)/.dev
 	$(BIN)/slamgym warmup --batched
 	$(BIN)/python -m pytest -n 2 --dist loadfile --import-mode=importlib
 
+messages: $(VENV)/.dev
+	$(BIN)/python tests/ros2/message_packages.py build/ros_messages
+
 smoke: $(VENV)/.dev
 	$(BIN)/slamgym reproduce --scale smoke --out out/smoke
 
@@ -55,7 +59,8 @@ figures: $(VENV)/.dev
 	$(BIN)/python benchmarks/figures.py
 
 site: $(VENV)/.dev
-	$(BIN)/mkdocs build --quiet --strict
+	$(BIN)/python docs/notebooks.py --run build/notebooks
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
 # The lowest versions that pyproject.toml allows of what the package leans on most, the others as pip finds them; the tests
 # of every day run with those of constraints.txt.
@@ -94,5 +99,5 @@ format: $(VENV)/.dev
 
 # Not all of build/: an editable installation for users leads to a tree of links there.
 clean:
-	rm -rf $(VENV) $(LOWEST) build/types build/site build/lib build/bdist.* dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) $(LOWEST) build/types build/site build/notebooks build/lib build/bdist.* dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	find slamgym agents gan tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -54,7 +54,7 @@ def on_files(files: Files, config: Any) -> Files:
     pages = {
         "reference/commands.md": commands_page(),
         "reference/environments.md": environments_page(),
-        "reference/api.md": api_page(),
+        **api_pages(),
         "gallery.md": gallery_page(),
         **{f"tutorials/{path.stem}.ipynb": notebook_text(path.stem) for path in tutorials()},
         **{name: brought_in(ROOT / source) for source, name in BROUGHT_IN.items()},
@@ -133,21 +133,19 @@ def _arguments_as_list(sheet: str) -> str:
     return re.sub(r"^    ([\w*]+): ", r"- `\1`: ", sheet, flags=re.MULTILINE)
 
 
-def api_page() -> str:
-    """The public names of each package, by their docstrings."""
-    parts = ["# Python API"]
+def api_pages() -> dict[str, str]:
+    """The public names of each package by their docstrings, a page each, and a list of the pages."""
+    pages = {}
+    rows = []
     for face in FACES:
         package = importlib.import_module(face)
-        parts.append(f"## {face}\n\n{(inspect.getdoc(package) or '').splitlines()[0]}")
-        homes = [
-            _home(getattr(package, name), name) for name in sorted(getattr(package, "__all__", ()))
+        about = (inspect.getdoc(package) or "").splitlines()[0]
+        names = [
+            name
+            for name in sorted(getattr(package, "__all__", ()))
+            if inspect.isclass(getattr(package, name)) or inspect.isfunction(getattr(package, name))
         ]
-        parts += [f"::: {home}\n    options:\n      heading_level: 3" for home in homes if home]
-    return "\n\n".join(parts)
-
-
-def _home(thing: Any, name: str) -> str:
-    """Where a class or function is defined; empty for what is neither."""
-    if not (inspect.isclass(thing) or inspect.isfunction(thing)):
-        return ""
-    return f"{thing.__module__}.{name}"
+        parts = [f"# {face}", about, *(f"::: {face}.{name}" for name in names)]
+        pages[f"reference/api/{face}.md"] = "\n\n".join(parts)
+        rows.append(f"- [{face}](api/{face}.md): {about}")
+    return {"reference/api.md": "\n".join(["# Python API\n", *rows]), **pages}
