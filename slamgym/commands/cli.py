@@ -218,6 +218,7 @@ COMMANDS = {
     "export-log": Command("export_log:main", "write an episode or a log as CARMEN log or rosbag2"),
     "ros2 sim": Command("ros2:sim_command", "a TurtleBot3 in a floor plan, without Gazebo", ROS2),
     "ros2 map": Command("ros2:map_command", "map, or localise on a finished map", ROS2),
+    "ros2 merge": Command("ros2:merge_command", "one map of several robots' maps", ROS2),
     "ros2 explore": Command(
         "ros2:explore_command", "explore on any mapper's map, driving itself or by Nav2", ROS2
     ),

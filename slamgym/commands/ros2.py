@@ -5,7 +5,13 @@ from __future__ import annotations
 import os
 
 from slamgym.commands.settings import AllSettings, SettingsOptions
-from slamgym.ros2.parameters import DemoParameters, ExploreParameters, MapParameters, SimParameters
+from slamgym.ros2.parameters import (
+    DemoParameters,
+    ExploreParameters,
+    MapParameters,
+    MergeParameters,
+    SimParameters,
+)
 
 RosArguments = tuple[str, ...]
 """The words from ``--ros-args`` on: remappings, and parameters, which overrule the options."""
@@ -54,13 +60,27 @@ def map_command(arguments: Ros2MapArguments, ros: RosArguments) -> None:
     run_node(lambda: MapNode(arguments, configure), ros)
 
 
-def explore_command(arguments: ExploreParameters, ros: RosArguments) -> None:
+def merge_command(arguments: MergeParameters, ros: RosArguments) -> None:
     """Run the command."""
+    from slamgym.ros2.merging import MergeNode
+    from slamgym.ros2.node import run_node
+
+    _prepare("pose_graph")
+    run_node(lambda: MergeNode(arguments), ros)
+
+
+def explore_command(arguments: ExploreParameters, ros: RosArguments) -> int:
+    """Run the command."""
+    if arguments.robots:
+        from slamgym.ros2.team import run_team
+
+        return run_team(arguments, arguments.robots, ros)
     from slamgym.ros2.exploring import ExploreNode
     from slamgym.ros2.node import run_node
 
     _prepare("navigate", "decide")
     run_node(lambda: ExploreNode(arguments), ros)
+    return 0
 
 
 def demo_command(arguments: DemoParameters, ros: RosArguments) -> int:

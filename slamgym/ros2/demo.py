@@ -94,7 +94,7 @@ def run_demo(parameters: DemoParameters, ros_arguments: Sequence[str]) -> int:
         run_node(make, ros_arguments)
     finally:
         for node in reversed(nodes.values()):
-            _end(node)
+            end_process(node)
     seen = watched[0]
     if seen.ended not in ("", "explore"):
         raise SlamgymError(f"the node {seen.ended} ended early; its last lines say why")
@@ -144,7 +144,7 @@ def _option(name: str, *values: object) -> list[str]:
     return [f"--{name}", *map(str, values)]
 
 
-def _end(node: subprocess.Popen[bytes]) -> None:
+def end_process(node: subprocess.Popen[bytes]) -> None:
     """Ask a node to end, and then make it."""
     if node.poll() is None:
         node.send_signal(signal.SIGINT)

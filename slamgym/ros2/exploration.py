@@ -47,6 +47,9 @@ _NO_SCANNER = LaserGeometry(360, -math.pi, math.pi / 180.0, 0.12, 3.5)
 _MAP_INTERVAL = 5.0
 """Time between two maps of the slowest usual mappers [s] (slam_toolbox, GMapping)."""
 
+ALONE = np.zeros((0, 3))
+"""Poses of the other robots that are heard: none."""
+
 
 class ExplorationState(enum.Enum):
     """State of an exploration."""
@@ -157,13 +160,16 @@ class Exploration:
             if not self._is_over:
                 self._notes = []
 
-    def step(self, pose: Pose2D | None, scan: LaserScan | None, stamp: float) -> DriveOrder:
+    def step(
+        self, pose: Pose2D | None, scan: LaserScan | None, stamp: float, mates: FloatArray = ALONE
+    ) -> DriveOrder:
         """Decide about the next control step.
 
         Args:
             pose: The robot in the map frame; None if it isn't known now.
             scan: The newest scan; None if there is none of late.
             stamp: Robot time [s].
+            mates: Poses (K, 3) of the robots of its team that are heard now, in the map frame.
         """
         if self._clock.tick(stamp, self._is_paused):
             self.start = None
@@ -187,7 +193,7 @@ class Exploration:
             return self._return(self._back, grid, pose, ranges)
         if self._is_over:
             return self._stand(ExplorationState.DONE, f"done: {'; '.join(self._notes)}")
-        return self._explore(self._pilot, grid, pose, ranges)
+        return self._explore(self._pilot, grid, pose, ranges, mates)
 
     # The states.
 
@@ -213,7 +219,12 @@ class Exploration:
         return "a scan" if scan is None and self._context.drives else ""
 
     def _explore(
-        self, pilot: FrontierPilot, grid: OccupancyGrid, pose: Pose2D, ranges: Float32Array
+        self,
+        pilot: FrontierPilot,
+        grid: OccupancyGrid,
+        pose: Pose2D,
+        ranges: Float32Array,
+        mates: FloatArray,
     ) -> DriveOrder:
         loop = pilot.loop
         now = self._clock.now
@@ -221,7 +232,13 @@ class Exploration:
             if now < self._trials.again_at:
                 return self._stand_between_tries(loop)
             loop.forgive()
-        observation = {"map": grid, "scan": ranges, "pose": np.array(pose), "time": np.array([now])}
+        observation = {
+            "map": grid,
+            "scan": ranges,
+            "pose": np.array(pose),
+            "time": np.array([now]),
+            "mates": np.insert(mates, 0, 1.0, axis=1),
+        }
         twist = pilot.act(observation)
         if not loop.finished:
             self._trials.note(loop)

@@ -1,12 +1,13 @@
 """The explorers as a node: a drop-in for explore_lite on anybody's map, driving itself or by another navigation."""
 
 import functools
+import math
 import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from geometry_msgs.msg import PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
 from nav_msgs.msg import OccupancyGrid
 from std_msgs.msg import Bool
 
@@ -14,16 +15,17 @@ from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import storage_errors
 from slamgym.core.limits import shown
 from slamgym.core.names import is_own_explorer
-from slamgym.core.types import UNKNOWN, LaserScan, Pose2D
+from slamgym.core.types import UNKNOWN, FloatArray, LaserScan, Pose2D
 from slamgym.core.types import OccupancyGrid as Grid
 from slamgym.interop import write_ros_map
 from slamgym.interop.records import BrokenMessageError
 from slamgym.interop.ros_messages import pose_of, stamp_of
 from slamgym.planning.promise import split_promise
 from slamgym.ros2.driving import Driver
-from slamgym.ros2.exploration import Exploration, ExplorationState
+from slamgym.ros2.exploration import ALONE, Exploration, ExplorationState
 from slamgym.ros2.foreign_maps import ForeignMap
 from slamgym.ros2.frames import POSES_END, RobotFrames, ScanSync
+from slamgym.ros2.gathered_maps import laid_under
 from slamgym.ros2.laser import LaserReader
 from slamgym.ros2.managed import ManagedNode
 from slamgym.ros2.mapping import draw_saved_map
@@ -41,6 +43,8 @@ except ImportError:  # no wheel has it: it comes with a ROS installation
 
 POSE_WAIT = 0.3
 """A step waits so long for the mapper's pose at its scan [s], if the mapper gives poses; then the last one serves."""
+MATES_END = 6.0
+"""A robot that doesn't hear others for so long is alone [s]."""
 STOP_AFTER = 1.0
 """Without a scan for so long the robot is stopped; another navigation drives without scans [s]."""
 
@@ -54,11 +58,25 @@ class _Due(NamedTuple):
     since: float
 
 
+class _Mates(NamedTuple):
+    """Where other robots are."""
+
+    poses: FloatArray  # (K, 3), map frame
+    heard_at: float  # here [s]
+
+
 class _Map(NamedTuple):
     """The newest map, if there is one."""
 
     grid: Grid | None = None
     stamp: float = 0.0
+
+
+def _read_grid(foreign: ForeignMap, message: Any) -> Grid:
+    """The map of a message, on our lattice."""
+    info = message.info
+    origin = pose_of(info.origin, "map")
+    return foreign.take(message.data, info.width, info.height, info.resolution, origin)
 
 
 class ExploreNode(ManagedNode):
@@ -88,6 +106,8 @@ class ExploreNode(ManagedNode):
         self._laser = LaserReader(self._frames, names, self.once)
         self._foreign = ForeignMap("map")
         self._map = _Map()
+        self._team_map: Grid | None = None
+        self._mates = _Mates(ALONE, -math.inf)
         self._due: _Due | None = None
         self._stamp = 0.0
         self._stepped_at = time.monotonic()
@@ -114,6 +134,8 @@ class ExploreNode(ManagedNode):
         KeptTopic(self, OccupancyGrid, "map", self._take_map)
         if OccupancyGridUpdate:
             self.listen(OccupancyGridUpdate, "map_updates", self._take_update)
+        KeptTopic(self, OccupancyGrid, "team_map", self._take_team_map)
+        self.listen(PoseArray, "mates", self._take_mates)
         self.listen(PoseWithCovarianceStamped, "pose", self._take_pose, SENSOR)
         listen_to_odometry(self, self._frames, self._sync.flush)
         listen_to_scans(self, self._sync.take)
@@ -126,6 +148,16 @@ class ExploreNode(ManagedNode):
         if self.is_on_map(message, "map"):
             read = functools.partial(self._read_map, message)
             self.worker.order(read, "map", replaces=True)
+
+    def _take_team_map(self, message: Any) -> None:
+        if self.is_on_map(message, "team_map"):
+            read = functools.partial(self._read_team_map, message)
+            self.worker.order(read, "team_map", replaces=True)
+
+    def _take_mates(self, message: Any) -> None:
+        poses = [pose_of(pose, "mates") for pose in message.poses]
+        rows = np.array(poses, dtype=np.float64).reshape(-1, 3)
+        self._mates = _Mates(rows, time.monotonic())
 
     def _take_update(self, message: Any) -> None:
         self.worker.order(functools.partial(self._patch_map, message), "map")
@@ -203,14 +235,16 @@ class ExploreNode(ManagedNode):
     # --- the worker ---
 
     def _read_map(self, message: Any) -> None:
-        def read() -> Grid:
-            info = message.info
-            origin = pose_of(info.origin, "map")
-            return self._foreign.take(
-                message.data, info.width, info.height, info.resolution, origin
-            )
-
+        read = functools.partial(_read_grid, self._foreign, message)
         self._use_map(read, stamp_of(message.header, 0.0))
+
+    def _read_team_map(self, message: Any) -> None:
+        try:
+            self._team_map = _read_grid(ForeignMap("team_map"), message)
+        except (InputFileError, ValueError) as error:
+            self.once(f"team_map {error}", f"a map is left out: {error}")
+        if self._map.grid is not None:
+            self._exploration.take_map(laid_under(self._map.grid, self._team_map))
 
     def _patch_map(self, message: Any) -> None:
         def read() -> Grid | None:
@@ -228,7 +262,7 @@ class ExploreNode(ManagedNode):
         else:
             if grid is not None:
                 self._map = _Map(grid, stamp)
-                self._exploration.take_map(grid)
+                self._exploration.take_map(laid_under(grid, self._team_map))
 
     def _forget_map(self) -> None:
         """Wait for the next map: the last one is of a run that has ended."""
@@ -270,7 +304,9 @@ class ExploreNode(ManagedNode):
 
     def _act(self, pose: Pose2D | None, scan: LaserScan | None) -> None:
         """Ask what is to be done now, and send it, unless the robot was stopped meanwhile."""
-        order = self._exploration.step(pose, scan, self._stamp)
+        is_heard = time.monotonic() - self._mates.heard_at < MATES_END
+        mates = self._mates.poses if is_heard else ALONE
+        order = self._exploration.step(pose, scan, self._stamp, mates)
         self._driver.send(order, pose, self._exploration.state, self._stamp)
 
     def _finish(self) -> None:

@@ -68,7 +68,8 @@ def _as_type_of(default: Any, value: Any) -> Any:
     """A parameter's value in the type of its default; as it is where it can't be, which its field refuses."""
     with contextlib.suppress(TypeError, ValueError):
         if isinstance(default, tuple):
-            return tuple(map(float, value))
+            kind = str if default and isinstance(default[0], str) else float
+            return tuple(map(kind, value))
         if isinstance(default, str | Path | float) and not isinstance(value, bool):
             return type(default)(value)
     return value

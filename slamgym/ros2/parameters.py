@@ -90,6 +90,9 @@ class MapParameters(FrameNames):
 class ExploreParameters(FrameNames):
     """Explore until everything that the robot can get to is on the map, as explore_lite does."""
 
+    robots: tuple[str, ...] | None = None
+    """Namespaces of several robots, as in `robot1 robot2`: one explorer is started for each, and what merges their
+    maps."""
     explorer: str = "tour"
     """Who chooses: tour, nearest, explore_lite, rl, ...; behind @ a promise at which it is done, as in tour@98%:95%."""
     drive: Literal["wheels", "goals"] = "wheels"
@@ -118,6 +121,10 @@ class ExploreParameters(FrameNames):
     """Port of a live view for the browser, http://localhost:PORT, with a button that stops the robot; 0: none."""
 
     def _check(self) -> None:
+        if self.robots is not None:
+            check_robots(self.robots)
+            if not self.robots:
+                raise ConfigError("a team of no robots: name some behind --robots, or leave it out")
         if len(self.area) % 2 or 0 < len(self.area) < 6:
             raise ConfigError(
                 f"--area is x y of three corners or more, not {len(self.area)} numbers"
@@ -127,6 +134,53 @@ class ExploreParameters(FrameNames):
     def corners(self) -> tuple[tuple[float, float], ...]:
         """Of the area, in the map frame [m]."""
         return tuple(zip(self.area[::2], self.area[1::2], strict=True))
+
+
+class MergeParameters(Arguments):
+    """Make one map of the maps of several robots, whoever their mappers are; a robot may join late, or die."""
+
+    robots: tuple[str, ...] = ()
+    """Namespaces of the robots, as in `robot1 robot2` for /robot1/map; by default all whose maps are published, those
+    that come later, too."""
+    starts: tuple[float, ...] = ()
+    """Where the origins of their maps lie (x y theta [m, m, rad] of each robot) in one frame, where that is known.
+    Without it the first map gives the frame, and another is used once it is sure where it lies."""
+    map_frame: str = "map"
+    """Frame of the merged map."""
+    merge_interval: Positive = 5.0
+    """Time between two merged maps [s]."""
+    out: RosOut = Path("merged")
+    """Folder for the map, written by the service `save` and at the end."""
+
+    def _check(self) -> None:
+        check_robots(self.robots)
+        if self.starts and len(self.starts) != 3 * len(self.robots):
+            raise ConfigError(
+                f"--starts is x y theta of each of {len(self.robots)} robots, not {len(self.starts)} numbers; name the "
+                "robots, too"
+            )
+
+    @property
+    def places(self) -> dict[str, Pose2D]:
+        """Where the robots' maps lie, as far as that is known."""
+        numbers = iter(self.starts)
+        poses = [Pose2D(*pose) for pose in zip(numbers, numbers, numbers, strict=True)]
+        return dict(zip(self.robots, poses, strict=False))
+
+
+def check_robots(names: tuple[str, ...]) -> None:
+    """Refuse robots of one name, and names that no namespace can have.
+
+    Raises:
+        ConfigError: If there are some.
+    """
+    for number, name in enumerate(names):
+        if name in names[:number]:
+            raise ConfigError(f"two robots are called {name}; give each a name of its own")
+        if not name.isidentifier():
+            raise ConfigError(
+                f"the robot {name!r} can't be a namespace; take letters, digits and _, as in robot1"
+            )
 
 
 class DemoParameters(WorldParameters):

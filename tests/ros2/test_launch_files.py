@@ -71,6 +71,7 @@ def test_there_are_launch_files():
     assert {path.name for path in FILES} == {
         "demo.launch.xml",
         "nav2.launch.xml",
+        "team.launch.xml",
         "turtlebot3.launch.xml",
     }
 
@@ -80,8 +81,10 @@ def test_options_and_parameters_exist_and_take_their_values(tree):
     assert found
     for name, options, ros in found:
         arguments = parsed(name, options)
-        assert set(ros[::2]) <= {"-p"}, "else this test has to read more of ROS's arguments"
-        given = dict(word.split(":=") for word in ros[1::2])
+        pairs = list(zip(ros[::2], ros[1::2], strict=True))
+        renamed = [word for flag, word in pairs if flag != "-p"]
+        assert all(word.startswith("__ns:=/") for word in renamed), "read more of ROS's arguments"
+        given = dict(word.split(":=") for flag, word in pairs if flag == "-p")
         given.pop("use_sim_time", None)
         dataclasses.replace(
             arguments, **{key: yaml.safe_load(value) for key, value in given.items()}
