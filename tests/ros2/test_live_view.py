@@ -92,3 +92,29 @@ def test_after_the_end_the_port_is_free():
     with socket.socket() as other:
         other.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         other.bind(("127.0.0.1", view.port))
+
+
+def test_the_stop_button_stops_a_driving_robot_and_the_page_shows_it(desk, monkeypatch):
+    pytest.importorskip("rclpy")
+    from ros2.test_explore_node import begin, is_zero
+
+    from slamgym.ros2 import viewing
+
+    monkeypatch.setattr(viewing, "LiveView", lambda _port: LiveView(0))
+    robot = begin(desk, view=1).map().sense(5)
+    live = robot.node._display._live
+    assert not is_zero(robot.commands[-1])
+    state = json.loads(ask(live, "GET", "/state")[1])
+    assert state["text"] == robot.texts[-1]
+    assert state["map"] is not None
+    assert state["chosen"]
+    assert ask(live, "POST", "/", **{"X-Slamgym-Order": "stop"})[0] == 200
+    desk.tick(robot.node)
+    assert is_zero(robot.commands[-1])
+    robot.sense(3)
+    assert robot.texts[-1] == "paused"
+    ask(live, "POST", "/", **{"X-Slamgym-Order": "start"})
+    desk.tick(robot.node)
+    robot.sense(3)
+    assert not is_zero(robot.commands[-1])
+    robot.node.close()
