@@ -27,6 +27,7 @@ def test_every_example_is_run_here():
         "log_to_drawing.py",
         "ppo_wheels.py",
         "own_explorer.py",
+        "two_robots.py",
     }
 
 
@@ -35,6 +36,14 @@ def test_a_reward_of_ones_own(tmp_path):
     printed = run("own_reward.py", tmp_path, "256", "2")
     assert "before 256 steps: " in printed
     assert "after 256 steps: " in printed
+
+
+def test_two_robots_explore_together(tmp_path):
+    pytest.importorskip("pettingzoo")
+    printed = run("two_robots.py", tmp_path, "home_000001", "0.2", "film.gif")
+    assert "seen after 12 s; the robots drove" in printed
+    assert (tmp_path / "two_robots" / "map.yaml").is_file()
+    assert (tmp_path / "film.gif").is_file()
 
 
 def test_maps_to_a_translator(tmp_path):
