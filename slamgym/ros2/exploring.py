@@ -58,11 +58,12 @@ class _Due(NamedTuple):
     since: float
 
 
-class _Mates(NamedTuple):
-    """Where other robots are."""
+class _Team(NamedTuple):
+    """What is heard of other robots."""
 
-    poses: FloatArray  # (K, 3), map frame
-    heard_at: float  # here [s]
+    grid: Grid | None = None  # what all have mapped
+    poses: FloatArray = ALONE  # (K, 3) where they are, map frame
+    heard_at: float = -math.inf  # here [s]
 
 
 class _Map(NamedTuple):
@@ -106,8 +107,7 @@ class ExploreNode(ManagedNode):
         self._laser = LaserReader(self._frames, names, self.once)
         self._foreign = ForeignMap("map")
         self._map = _Map()
-        self._team_map: Grid | None = None
-        self._mates = _Mates(ALONE, -math.inf)
+        self._team = _Team()
         self._due: _Due | None = None
         self._stamp = 0.0
         self._stepped_at = time.monotonic()
@@ -157,7 +157,7 @@ class ExploreNode(ManagedNode):
     def _take_mates(self, message: Any) -> None:
         poses = [pose_of(pose, "mates") for pose in message.poses]
         rows = np.array(poses, dtype=np.float64).reshape(-1, 3)
-        self._mates = _Mates(rows, time.monotonic())
+        self._team = self._team._replace(poses=rows, heard_at=time.monotonic())
 
     def _take_update(self, message: Any) -> None:
         self.worker.order(functools.partial(self._patch_map, message), "map")
@@ -240,11 +240,13 @@ class ExploreNode(ManagedNode):
 
     def _read_team_map(self, message: Any) -> None:
         try:
-            self._team_map = _read_grid(ForeignMap("team_map"), message)
+            grid = _read_grid(ForeignMap("team_map"), message)
         except (InputFileError, ValueError) as error:
             self.once(f"team_map {error}", f"a map is left out: {error}")
+            return
+        self._team = self._team._replace(grid=grid)
         if self._map.grid is not None:
-            self._exploration.take_map(laid_under(self._map.grid, self._team_map))
+            self._exploration.take_map(laid_under(self._map.grid, self._team.grid))
 
     def _patch_map(self, message: Any) -> None:
         def read() -> Grid | None:
@@ -262,7 +264,7 @@ class ExploreNode(ManagedNode):
         else:
             if grid is not None:
                 self._map = _Map(grid, stamp)
-                self._exploration.take_map(laid_under(grid, self._team_map))
+                self._exploration.take_map(laid_under(grid, self._team.grid))
 
     def _forget_map(self) -> None:
         """Wait for the next map: the last one is of a run that has ended."""
@@ -304,8 +306,8 @@ class ExploreNode(ManagedNode):
 
     def _act(self, pose: Pose2D | None, scan: LaserScan | None) -> None:
         """Ask what is to be done now, and send it, unless the robot was stopped meanwhile."""
-        is_heard = time.monotonic() - self._mates.heard_at < MATES_END
-        mates = self._mates.poses if is_heard else ALONE
+        is_heard = time.monotonic() - self._team.heard_at < MATES_END
+        mates = self._team.poses if is_heard else ALONE
         order = self._exploration.step(pose, scan, self._stamp, mates)
         self._driver.send(order, pose, self._exploration.state, self._stamp)
 

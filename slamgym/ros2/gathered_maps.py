@@ -20,7 +20,7 @@ from slamgym.slam.merge.verdict import UNKNOWN_BUILDINGS
 
 GROWTH = 1.1
 """A map is searched for again once it has grown by this factor."""
-MOST_ALIGNED = (0.6, 0.15)
+FARTHEST_ALIGNED = (0.6, 0.15)
 """An alignment that moves a map further isn't one [m], [rad]: people measure starts by a tape and by eye."""
 AT_ORIGIN = Pose2D(0.0, 0.0, 0.0)
 
@@ -123,8 +123,8 @@ def find_place(
     pose, _ = first.fields.align(second.floor.surfaces, np.array(guess))
     moved = between(guess, _as_pose(pose))
     said = agreement(first.fields, second.fields, pose, FINE_TOLERANCE)
-    is_near = max(abs(moved.x), abs(moved.y)) < MOST_ALIGNED[0]
-    is_turned = abs(wrap_angle(moved.theta)) > MOST_ALIGNED[1]
+    is_near = max(abs(moved.x), abs(moved.y)) < FARTHEST_ALIGNED[0]
+    is_turned = abs(wrap_angle(moved.theta)) > FARTHEST_ALIGNED[1]
     is_sure = UNKNOWN_BUILDINGS.evidence(said) >= UNKNOWN_BUILDINGS.sure
     return _as_pose(pose) if is_sure and is_near and not is_turned else None
 

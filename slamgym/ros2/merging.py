@@ -21,12 +21,11 @@ from slamgym.interop.ros_messages import (
 from slamgym.interop.transforms import clean_frame
 from slamgym.ros2.foreign_maps import ForeignMap
 from slamgym.ros2.gathered_maps import GatheredMaps
+from slamgym.ros2.mapping import TRANSFORM_INTERVAL
 from slamgym.ros2.node import LATCHED, SENSOR, RosNode, fill
 from slamgym.ros2.parameters import MergeParameters
 from slamgym.ros2.topics import KeptTopic
 
-TRANSFORM_INTERVAL = 0.1
-"""Transforms are published so often [s]."""
 POSE_END = 5.0
 """A robot whose pose isn't heard for so long isn't reckoned with any more [s]; its map is kept."""
 _GRID_TYPE = "nav_msgs/msg/OccupancyGrid"
