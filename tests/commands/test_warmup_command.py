@@ -83,6 +83,36 @@ def test_warming_up_compiles_and_leaves_a_cache(options, capsys):
     assert str(jit.cache_folder()) in capsys.readouterr().out
 
 
+def kernels_in(called: set[jit.Kernel]) -> set[jit.Kernel]:
+    """Kernels that were called, and those that they call, which are compiled with them."""
+    found: set[jit.Kernel] = set()
+    waiting = list(called)
+    while waiting:
+        one = waiting.pop()
+        if one not in found:
+            found.add(one)
+            function = one.__wrapped__
+            named = [function.__globals__.get(name) for name in function.__code__.co_names]
+            waiting.extend(other for other in named if isinstance(other, jit.Kernel))
+    return found
+
+
+@pytest.mark.parametrize("name", KERNEL_PARTS)
+def test_each_part_compiles_the_kernel_that_tells_whether_it_was_compiled(name, monkeypatch):
+    """Else it would be compiled anew at every call, or never."""
+    called = set()
+    call = jit.Kernel.__call__
+
+    def noting_call(self, *args):
+        called.add(self)
+        return call(self, *args)
+
+    monkeypatch.setattr(jit.Kernel, "__call__", noting_call)
+    compile_part, last_kernel = KERNEL_PARTS[name]
+    compile_part()
+    assert last_kernel in kernels_in(called)
+
+
 def test_an_exploration_compiles_nothing_that_was_not_warmed_up(tmp_path):
     """In a process of its own, in which every kernel that was called is known by what it was called with."""
     code = f"""

@@ -6,7 +6,7 @@ import pytest
 from slamgym.core.types import LaserGeometry, Pose2D
 from slamgym.slam.graph import recovery
 from slamgym.slam.graph.alignment import Alignment, NormalEquations
-from slamgym.slam.graph.recovery import Recovery, View, count_seen_through
+from slamgym.slam.graph.recovery import Recovery, ScanView, count_seen_through
 from slamgym.slam.graph.submaps import sides_of
 
 LASER = LaserGeometry(180, np.radians(-89.5), np.radians(1.0), 0.1, 4.0, Pose2D(0.0, 0.0, 0.0))
@@ -14,7 +14,7 @@ USABLE = 3.95
 INFORMATION = np.diag([400.0, 400.0, 25.0])  # of wheels that err by 0.05 m and 0.2 rad
 
 
-def view(pose: np.ndarray, end: float) -> View:
+def view(pose: np.ndarray, end: float) -> ScanView:
     """A scan in a corridor along x, 2 m wide, that ends at an x [m]."""
     angles = LASER.angles + pose[2]
     ahead, aside = np.cos(angles), np.sin(angles)
@@ -24,7 +24,7 @@ def view(pose: np.ndarray, end: float) -> View:
     ranges[ranges > USABLE] = np.inf
     seen = np.isfinite(ranges)
     points = (ranges * np.array([np.cos(LASER.angles), np.sin(LASER.angles)]))[:, seen].T
-    return View(points, sides_of(points, np.zeros(2)), ranges.astype(np.float32))
+    return ScanView(points, sides_of(points, np.zeros(2)), ranges.astype(np.float32))
 
 
 class Surfaces:

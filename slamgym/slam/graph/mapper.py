@@ -26,7 +26,7 @@ from slamgym.slam.graph.compass import Compass
 from slamgym.slam.graph.consistency import Consistency
 from slamgym.slam.graph.map_graph import DriveScans, MapGraph, drawn_poses
 from slamgym.slam.graph.pose_graph import PoseGraph
-from slamgym.slam.graph.recovery import Recovery, View
+from slamgym.slam.graph.recovery import Recovery, ScanView
 from slamgym.slam.graph.relative import (
     Match,
     match_with,
@@ -114,7 +114,7 @@ class PoseGraphMapper(Mapper):
         self._consistency = Consistency(geometry)
         self._drawn_poses = np.zeros((0, 3))
         self._last_scan: LaserScan | None = None  # that was processed
-        self._last_view: View | None = None
+        self._last_view: ScanView | None = None
         self._recovery = Recovery(geometry, self._beams.usable)
 
     # --- what others ask ---
@@ -184,7 +184,7 @@ class PoseGraphMapper(Mapper):
         step = self._graph.wheels.step(increments)
         points = usable_end_points(scan.ranges, plain(self._beams), MATCH_RANGE)
         sides = sides_of(points, np.array(self._beams.mount[:2]))
-        view = View(points, sides, scan.ranges)
+        view = ScanView(points, sides, scan.ranges)
         fit = 1.0
         if len(self._graph) == 0:
             self._submaps.append(Submap(0, self._reach))
@@ -226,7 +226,7 @@ class PoseGraphMapper(Mapper):
         heading = float(self._graph.poses[-1, 2])
         return turned_matrix(information, heading)
 
-    def _place(self, step: WheelStep, scan: View) -> float:
+    def _place(self, step: WheelStep, scan: ScanView) -> float:
         """Find where a scan was taken, and make it a node with its edges.
 
         Returns:
@@ -330,7 +330,7 @@ class PoseGraphMapper(Mapper):
                 matches.append(match)
         return matches
 
-    def _remember(self, stamp: float, step: WheelStep, scan: View, fit: float) -> None:
+    def _remember(self, stamp: float, step: WheelStep, scan: ScanView, fit: float) -> None:
         """Keep the newest node's scan, and draw it into the newest submap."""
         points, sides, ranges = scan
         node = len(self._graph) - 1
