@@ -98,13 +98,8 @@ def main() -> None:
     parser.add_argument("rooms", type=Path, help="folder of annotated maps and their score.py")
     parser.add_argument("-o", "--output", type=Path, required=True, help="folder for the drawings")
     arguments = parser.parse_args()
-    prepare = joblib.Memory(ROOT / "build" / "boundaries", verbose=0).cache(
-        example, ignore=["model"]
-    )
     rooms = Rooms(scorer(arguments.rooms))
-    network = load_floor_model(NETWORK)
-    digest = code_digest()
-    by_network = [prepare(one, digest, network) for one in read_annotated(arguments.rooms)]
+    by_network = prepared_examples(arguments.rooms)
     shipped: dict[str, Any] = {}
     rows: list[dict[str, Any]] = []
     for name, key in MODELS.items():
@@ -126,6 +121,16 @@ def main() -> None:
     table = [[row[column] for column in COLUMNS] for row in rows]
     title = "Candidates for boundaries between rooms, judged without their buildings"
     print_and_save("drawing/boundaries", title, table, COLUMNS, MODULES)
+
+
+def prepared_examples(folder: Path) -> list[Example]:
+    """The annotated maps of a folder with candidates by the network, kept until the code changes."""
+    prepare = joblib.Memory(ROOT / "build" / "boundaries", verbose=0).cache(
+        example, ignore=["model"]
+    )
+    network = load_floor_model(NETWORK)
+    digest = code_digest()
+    return [prepare(one, digest, network) for one in read_annotated(folder)]
 
 
 def about(used: Sequence[AnnotatedMap]) -> dict[str, Any]:

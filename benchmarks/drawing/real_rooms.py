@@ -3,7 +3,8 @@
     python benchmarks/drawing/boundaries.py real_rooms -o out/rooms     # each map drawn without its building
     python benchmarks/drawing/real_rooms.py real_rooms "slam2cad=out/rooms/slam2cad" "cleaning=out/rooms/none"
 
-``slam2cad-asked=out/rooms/slam2cad-asked --results drawing/questions`` is the same after a report's questions.
+``slam2cad-asked=out/rooms/slam2cad-asked --rival slam2cad=out/rooms/slam2cad --results drawing/questions`` says what a
+report's questions add.
 The folder holds annotated maps, ``*/*/rooms.json`` and ``map.yaml``, and ``score.py``, which scores a drawing's JSON.
 Folders of drawings, by any program, are compared with a plain watershed: rooms are what is farther than 0.55 m from all
 that isn't free in the cleaned map, and what flows there. Intervals are those of resampled buildings. The annotation has
@@ -51,7 +52,7 @@ COLUMNS = (
     "number",
     "room F1",
     "[95 %]",
-    "more than the watershed",
+    "more than the rival",
     "[95 %] of that",
     *SUMS,
     "door recall",
@@ -76,22 +77,31 @@ def main() -> None:
         metavar="NAME=FOLDER",
         help="folders with MAP.json, or MAP/drawing.json",
     )
+    parser.add_argument(
+        "--rival", metavar="NAME=FOLDER", help="what all are compared with; a plain watershed"
+    )
     parser.add_argument("--results", default="drawing/rooms", help="name of the results file")
     arguments = parser.parse_args()
     score = scorer(arguments.rooms).score
     maps = read_annotated(arguments.rooms)
+    rival_name, _, rival_folder = (arguments.rival or WATERSHED).partition("=")
     folders = dict(one.split("=", maxsplit=1) for one in arguments.drawings)
+
+    def scores(folder: str, widest: float | None) -> list[Score]:
+        """Of all maps; without a folder those of the watershed."""
+        found = []
+        for one in maps:
+            path = drawing_of(one, Path(folder)) if folder else watershed(one)
+            own = score(str(one.folder), path, widest)
+            found.append(own | {"corners": corners_of(one, path)} if folder else own)
+        return found
+
     rows = []
     for boundaries, widest in BOUNDARIES.items():
-        rival = [score(str(one.folder), watershed(one), widest) for one in maps]
-        rows += figures(WATERSHED, boundaries, maps, rival, rival)
+        rival = scores(rival_folder, widest)
+        rows += figures(rival_name, boundaries, maps, rival, rival)
         for name, folder in folders.items():
-            paths = [drawing_of(one, Path(folder)) for one in maps]
-            found = [
-                score(str(one.folder), path, widest) | {"corners": corners_of(one, path)}
-                for one, path in zip(maps, paths, strict=True)
-            ]
-            rows += figures(name, boundaries, maps, found, rival)
+            rows += figures(name, boundaries, maps, scores(folder, widest), rival)
     table = [[row[column] for column in COLUMNS] for row in rows]
     print_and_save(arguments.results, "Drawn rooms of real maps", table, COLUMNS, MODULES)
 
@@ -150,7 +160,7 @@ def figures(
             buildings = [maps[i].building for i in chosen]
             row = {"rooms by": name, "boundaries": boundaries, "maps": part, "number": len(some)}
             row |= {"room F1": round(float(f1.mean()), 3), "[95 %]": interval(f1, buildings)}
-            row["more than the watershed"] = round(float(more.mean()), 3)
+            row["more than the rival"] = round(float(more.mean()), 3)
             row["[95 %] of that"] = interval(more, buildings)
             rows.append(row | totals(some))
     return rows
