@@ -1,6 +1,7 @@
 """Maps of several mappers as one, over topics: the hub of a team, whoever its mappers are."""
 
 import functools
+import math
 import time
 from typing import Any
 
@@ -26,6 +27,8 @@ from slamgym.ros2.node import LATCHED, SENSOR, RosNode, fill
 from slamgym.ros2.parameters import MergeParameters
 from slamgym.ros2.topics import KeptTopic
 
+SAVE_INTERVAL = 60.0
+"""The merged map is saved so often [s], and when a robot's map is placed: a node may be killed."""
 POSE_END = 5.0
 """A robot whose pose isn't heard for so long isn't reckoned with any more [s]; its map is kept."""
 _GRID_TYPE = "nav_msgs/msg/OccupancyGrid"
@@ -48,6 +51,7 @@ class MergeNode(RosNode):
         self._frames: dict[str, str] = {}
         self._poses: dict[str, tuple[float, Pose2D]] = {}  # when they were heard here [s]
         self._stamp = 0.0
+        self._saved_at = -math.inf
         self._grids = self.offer(OccupancyGrid, "map", LATCHED)
         self._transforms = self.offer_transforms("/tf")
         self._team_maps: dict[str, Any] = {}
@@ -144,6 +148,8 @@ class MergeNode(RosNode):
             grid = self._gathered.seen_from(name, merged)
             if grid is not None and name in self._frames:
                 send(grid_fields(self.header(self._stamp, self._frames[name]), grid))
+        if news or time.monotonic() - self._saved_at > SAVE_INTERVAL:
+            self.save()
 
     def save(self) -> str:
         """Write the merged map into the folder."""
@@ -154,6 +160,7 @@ class MergeNode(RosNode):
         with storage_errors(out):
             out.mkdir(parents=True, exist_ok=True)
         write_ros_map(out, merged)
+        self._saved_at = time.monotonic()
         return f"the map of {', '.join(self._gathered.places)} is in {out}"
 
     def close(self) -> None:
