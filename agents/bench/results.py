@@ -272,10 +272,9 @@ def _read_result(path: Path, manifest: Manifest) -> BenchResult:
 def _impossibility(row: BenchRow, trial: TrialConfig, robots: int) -> str:
     """Why no robots of the benchmark have made an exploration; empty if so many may have."""
     speed = robots * trial.env.robot.max_linear
+    whose = "the robot" if robots == 1 else f"{robots} robots"
     if row.path > MEASURING_MARGIN * speed * row.done + 1.0:
-        return (
-            f"{row.path:g} m in {row.done:g} s is faster than {robots} of the robot, {speed:g} m/s"
-        )
+        return f"{row.path:g} m in {row.done:g} s is faster than {whose}, {speed:g} m/s"
     if not row.success:
         return ""
     if row.coverage < SEEN - 1e-3:

@@ -64,9 +64,6 @@ class GenerateArguments(Arguments):
     ``quick``."""
     trajectories: Count | None = None
     """Explorations of each plan that come one after the other: several SLAM maps of one CAD map; by default 1."""
-    robots: Count | None = None
-    """So many explore each building together, 4 at most, for one merged map a pair; by default 1. Path and log of a
-    pair are those of the first robot."""
     workers: CountOrZero = 0
     """Processes; 0 takes one per core."""
     engine: EngineName = "local"
@@ -83,7 +80,8 @@ class GenerateArguments(Arguments):
     """Also render uniform square images of the complete pairs into this folder, by the defaults of
     ``slamgym dataset render``."""
     settings: AllSettings = SettingsOptions()
-    """Robot, sensors, SLAM, furniture and people, the images and all else."""
+    """Robot, sensors, SLAM, furniture and people, the images and all else. ``--set robots=2``: so many explore each
+    building together, for one merged map a pair; path and log are those of the first robot."""
 
 
 def main(arguments: GenerateArguments) -> None:
@@ -125,7 +123,6 @@ def dataset_config(arguments: GenerateArguments) -> DatasetConfig:
         "plans_filter": arguments.plans_filter,
         "trajectories": arguments.trajectories,
         "explorer": arguments.explorer,
-        "team.robots": arguments.robots,
         "minutes": arguments.minutes,
         "recipe": arguments.recipe and open_recipe(arguments.recipe),
     }

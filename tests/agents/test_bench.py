@@ -14,6 +14,7 @@ from slamgym.agents.bench.leaderboard import leaderboard_page, rank
 from slamgym.agents.bench.manifest import (
     MANIFEST,
     QUICK,
+    TEAMS,
     Manifest,
     Track,
     TrackBuilding,
@@ -106,6 +107,7 @@ def manifest_of(one):
 
 def test_the_list_is_as_it_was_announced():
     counts = {track.name: len(track.buildings) for track in BENCH.tracks}
+    assert counts.pop(TEAMS) == 50
     assert counts == {"homes": 200, "loops": 50, "large": 50, "furnished": 50, "people": 50}
     for track in BENCH.tracks:
         assert len({building.plan for building in track.buildings}) == len(track.buildings)
