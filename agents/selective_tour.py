@@ -33,7 +33,8 @@ only what the map encloses is: a door to half a school of 3,980 m2, into a hall 
 like one that hides nothing."""
 
 WORK = 0.5
-"""What a square metre of hidden floor takes a robot of a team, beside the way [m/m2]."""
+"""What a square metre of hidden floor takes a robot of a team, beside the way to its frontier [m/m2]. Explore
+Lite takes 2.4 s/m2 in the median of 50 plans, 0.6 m at full speed, the ways between frontiers included."""
 
 
 class SelectivePilot(FrontierPilot):

@@ -19,9 +19,8 @@ from slamgym.slam.merge.merging import Part, compare_parts
 from slamgym.slam.merge.verdict import UNKNOWN_BUILDINGS
 
 ALIGN_INTERVAL = 60.0
-"""Where a map lies is measured again after so long [s]: two joints of a home take 0.1 s of CPU time each, and a map
-that drifts by a cell takes longer."""
-
+"""Where a map lies is measured again after so long [s]. Two drives of 40 m are joined in 0.15 CPU s where it is known
+about, and searched for in 0.4 s: a minute of exploring by two robots takes some 5 CPU s."""
 LEAST_WAY = 2.0
 """A path that reaches less far doesn't say how its map is turned [m]."""
 
