@@ -10,6 +10,7 @@ drawn from its seed, the first one's alike for all teams. Explorations in ``--ou
 
 import argparse
 import dataclasses
+import itertools
 import json
 import sys
 import time
@@ -21,13 +22,17 @@ from typing import Any
 import numpy as np
 
 from slamgym.agents.evaluation.report import with_bounds
-from slamgym.agents.evaluation.summary import censored
-from slamgym.agents.evaluation.team_trial import TeamName, run_team_trial
-from slamgym.agents.evaluation.trial import Task, Trial, TrialConfig
+from slamgym.agents.evaluation.team_trial import TeamName
+from slamgym.agents.evaluation.trial import TrialConfig
+from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan, open_plans
-from slamgym.core.config import from_dict
 from slamgym.core.intervals import mean_interval, ratio_of_means
 from slamgym.core.types import FloatArray
+from slamgym.envs.episode import fitted_env
+from slamgym.envs.explore_env import explorer_context
+from slamgym.envs.plan_cache import ResetOptions
+from slamgym.envs.team_episode import team_steps
+from slamgym.envs.team_exploration import TeamExploration
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
@@ -35,8 +40,12 @@ from report import print_and_save
 MODULES = ("agents", "slamgym/envs", "slamgym/planning", "slamgym/slam")
 """What is measured."""
 SOURCES = {"homes": "procedural:home:7301", "offices": "procedural:office:7302"}
+LARGEST = {"homes": 150.0, "offices": 350.0}
+"""Larger plans are left out [m2]."""
 FIRST_SEED = 1000
-LEVEL = "0.98"
+LEVEL = 0.98
+Done = dict["Exploration", dict[str, Any]]
+"""Outcomes of explorations."""
 TEAMS = "rl,rl*2,rl*3,nearest*2,nearest*3,auction*2,auction*3,rl*2?"
 
 
@@ -48,19 +57,39 @@ class Exploration:
     number: int
     team: str
 
-    def run(self) -> Trial:
-        """Explore."""
+    def run(self) -> dict[str, Any]:
+        """Explore until the level is seen, the explorers are done or the time is up."""
         config = TrialConfig()
-        if self.team.endswith("?"):
-            team = dataclasses.replace(config.env.team, starts="unknown")
-            config = dataclasses.replace(config, env=dataclasses.replace(config.env, team=team))
-        task = Task(self.team.removesuffix("?"), self.plan(), FIRST_SEED + self.number)
-        return run_team_trial(task, config)
+        name = TeamName.read(self.team.removesuffix("?"))
+        plan = self.plan()
+        fitted = fitted_env(plan, config.env, config.minutes)
+        starts: Any = "unknown" if self.team.endswith("?") else "known"
+        settings = dataclasses.replace(fitted.team, robots=name.robots, starts=starts)
+        env = dataclasses.replace(fitted, team=settings)
+        team = TeamExploration(plan, env)
+        seed = FIRST_SEED + self.number
+        context = explorer_context(env)
+        explorers = [
+            make_explorer(name.explorer, context, seed, config.promise) for _ in range(name.robots)
+        ]
+        began = time.process_time()
+        for _ in team_steps(team, explorers, seed, ResetOptions(plan)):
+            if team.coverage >= LEVEL:
+                break
+        return {
+            "time": team.time if team.coverage >= LEVEL else None,
+            "limit": env.time_limit,
+            "area": plan.area,
+            "contacts": sum(robot.collisions for robot in team.robots),
+            "cpu": time.process_time() - began,
+        }
 
     def plan(self) -> FloorPlan:
         """The building."""
         source = open_plans(SOURCES[self.kind])
-        return source.load(source.ids[self.number])
+        plans = (source.load(plan_id) for plan_id in source.ids)
+        small = (plan for plan in plans if plan.area <= LARGEST[self.kind])
+        return next(itertools.islice(small, self.number, None))
 
 
 def wanted(arguments: argparse.Namespace) -> Iterator[Exploration]:
@@ -73,11 +102,11 @@ def wanted(arguments: argparse.Namespace) -> Iterator[Exploration]:
                     yield Exploration(kind, number, team)
 
 
-def read(out: Path) -> dict[Exploration, Trial]:
+def read(out: Path) -> Done:
     """What is done."""
     lines = out.read_text().splitlines() if out.exists() else []
     found = [json.loads(line) for line in lines]
-    return {Exploration(**one["exploration"]): from_dict(Trial, one["trial"]) for one in found}
+    return {Exploration(**one["exploration"]): one["outcome"] for one in found}
 
 
 def run_all(arguments: argparse.Namespace) -> bool:
@@ -90,21 +119,19 @@ def run_all(arguments: argparse.Namespace) -> bool:
             continue
         if time.monotonic() - begun > arguments.seconds:
             return False
-        trial = one.run()
-        record = {"exploration": dataclasses.asdict(one), "trial": dataclasses.asdict(trial)}
+        outcome = one.run()
+        record = {"exploration": dataclasses.asdict(one), "outcome": outcome}
         with arguments.out.open("a") as file:
             file.write(json.dumps(record) + "\n")
-        print(
-            one, trial.time_to[LEVEL], f"{trial.coverage:.3f}", f"{trial.cpu:.1f} CPU s", flush=True
-        )
+        print(one, outcome, flush=True)
     return True
 
 
-def times_of(done: dict[Exploration, Trial], kind: str, team: str) -> dict[int, float]:
+def times_of(done: Done, kind: str, team: str) -> dict[int, float]:
     """Time to the level by building [s]; the time limit where it wasn't reached."""
     return {
-        one.number: censored(trial, "time", LEVEL)
-        for one, trial in done.items()
+        one.number: outcome["time"] or outcome["limit"]
+        for one, outcome in done.items()
         if (one.kind, one.team) == (kind, team)
     }
 
@@ -121,19 +148,19 @@ def _array(values: dict[int, float], numbers: list[int]) -> FloatArray:
     return np.array([values[number] for number in numbers])
 
 
-def rows(done: dict[Exploration, Trial]) -> Iterator[list[Any]]:
+def rows(done: Done) -> Iterator[list[Any]]:
     """A row for each kind of building and team."""
     for kind in SOURCES:
         teams = dict.fromkeys(one.team for one in done if one.kind == kind)
         for team in teams:
             own = times_of(done, kind, team)
             name = TeamName.read(team.removesuffix("?"))
-            trials = [t for one, t in done.items() if (one.kind, one.team) == (kind, team)]
+            outcomes = [o for one, o in done.items() if (one.kind, one.team) == (kind, team)]
             alone = times_of(done, kind, name.explorer)
             if not alone:
                 alone = times_of(done, kind, "rl")
             rival = times_of(done, kind, f"nearest*{name.robots}") if name.robots > 1 else {}
-            missed = sum(trial.time_to[LEVEL] is None for trial in trials)
+            missed = sum(one["time"] is None for one in outcomes)
             yield [
                 kind,
                 name.explorer,
@@ -144,9 +171,8 @@ def rows(done: dict[Exploration, Trial]) -> Iterator[list[Any]]:
                 with_bounds(mean_interval(np.array(list(own.values()))), 0),
                 ratio(own, alone) if name.robots > 1 else None,
                 ratio(own, rival) if name.explorer != "nearest" else None,
-                float(np.mean([trial.collisions for trial in trials])),
-                100.0 * float(np.mean([trial.map_error for trial in trials])),
-                float(np.mean([trial.cpu for trial in trials])),
+                float(np.mean([one["contacts"] for one in outcomes])),
+                float(np.mean([one["cpu"] for one in outcomes])),
             ]
 
 
@@ -178,7 +204,6 @@ def main() -> None:
             "/ one",
             "/ nearest",
             "contacts",
-            "map error [cm]",
             "CPU [s]",
         ],
         MODULES,

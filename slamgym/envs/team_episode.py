@@ -43,7 +43,8 @@ def team_steps(
     actions = Actions(team.config)
     rng, _ = seeding.np_random(seed)
     team.begin(rng, wanted)
-    known_at_end = [np.inf] * len(team)
+    most_known = [0.0] * len(team)  # when each said that it was done [m2]
+    was_done = [False] * len(team)
     yield 0
     count = 0
     is_over = False
@@ -54,10 +55,10 @@ def team_steps(
             wakes = False
             if explorer.finished:
                 known = known_area(team.maps.shared[index].occupancy_grid())
-                known_at_end[index] = min(known_at_end[index], known)
-                wakes = known > known_at_end[index] + WAKING_AREA
-            else:
-                known_at_end[index] = np.inf
+                if not was_done[index]:
+                    most_known[index] = max(most_known[index], known)
+                wakes = known > most_known[index] + WAKING_AREA
+            was_done[index] = explorer.finished
             action, _ = explorer.predict(observation, None, np.array([wakes]))
             chosen.append(action)
         if all(explorer.finished for explorer in explorers):
