@@ -44,10 +44,10 @@ from slamgym.metrics import (
     measure_dimensions,
     room_score,
 )
-from slamgym.metrics.corners import CornerCounts, count_corners
 from slamgym.metrics.layers import DOOR_DEPTH, MapLayers
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
+from corners import CornerCounts, count_corners
 from realism.same_building import exact_plan, people_of_the_house
 from report import print_and_save
 

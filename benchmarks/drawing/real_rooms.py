@@ -30,11 +30,11 @@ from slamgym.cad.polygons import largest_part
 from slamgym.core.intervals import mean_interval
 from slamgym.drawing.signs import PLAIN_WATERSHED
 from slamgym.metrics.cleaning import clean_map
-from slamgym.metrics.corners import CornerCounts, count_corners
 from slamgym.metrics.rooms import label_rooms
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from annotated import WIDEST_DOOR, AnnotatedMap, read_annotated, scorer
+from corners import CornerCounts, count_corners
 from report import print_and_save
 
 MODULES = ("gan/translation", "slamgym/drawing")

@@ -1,9 +1,20 @@
 """Corners and angles of drawn rooms."""
 
+import importlib.util
+import sys
+
 from shapely import affinity, box
 from shapely.geometry import Polygon
+from source_tree import ROOT
 
-from slamgym.metrics.corners import CORNER_WITHIN, CornerCounts, count_corners
+SPEC = importlib.util.spec_from_file_location(
+    "corners", ROOT / "benchmarks" / "drawing" / "corners.py"
+)
+corners = importlib.util.module_from_spec(SPEC)
+sys.modules["corners"] = corners
+SPEC.loader.exec_module(corners)
+CORNER_WITHIN, CornerCounts = corners.CORNER_WITHIN, corners.CornerCounts
+count_corners = corners.count_corners
 
 ROOM = box(0.0, 0.0, 10.0, 6.0)
 L_SHAPE = Polygon([(0, 0), (10, 0), (10, 6), (4, 6), (4, 3), (0, 3)])
