@@ -41,7 +41,7 @@ LONGEST_WAIT = 0.2
 """As fast as commands come, the simulation waits for one so long [s]."""
 BODY_HEIGHT = 0.010
 """Of a Waffle Pi's base_link over the floor [m], as TurtleBot3's description has it."""
-LASER_HEIGHT = 0.122
+MOUNT_HEIGHT = 0.122
 """Of its laser over the body [m]. At height 0 rounding may put echoes below the floor, where Nav2's obstacle
 layers (``min_obstacle_height`` 0) and the voxels of its local costmap (``origin_z`` 0) pass them over."""
 TICKS = 6
@@ -127,7 +127,7 @@ class SimNode(RosNode):
         on_body = self.header(BEGIN, names.body_frame)
         mount = self._lidar.geometry.mount
         has_body = names.body_frame != names.base_frame
-        height = LASER_HEIGHT if has_body else BODY_HEIGHT + LASER_HEIGHT
+        height = MOUNT_HEIGHT if has_body else BODY_HEIGHT + MOUNT_HEIGHT
         fixed = [transform_fields(on_body, names.laser_frame, mount, height)]
         if has_body:
             on_floor = self.header(BEGIN, names.base_frame)
