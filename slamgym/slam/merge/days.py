@@ -12,7 +12,7 @@ from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, Oc
 from slamgym.slam.graph.map_graph import DriveScans, MapGraph, drawn_poses
 from slamgym.slam.hit_counts import HitCountMap
 
-BESIDE = 0.1
+BESIDE_SURFACE = 0.1
 """A cell so near to a surface isn't free of it [m]: drives join to within some centimetres."""
 
 
@@ -49,7 +49,7 @@ def _vote(cells: ByteArray, resolution: float) -> ByteArray:
 
 def are_clear(cells: ByteArray, resolution: float) -> BoolArray:
     """Free cells with no occupied one beside them."""
-    reach = round(BESIDE / resolution)
+    reach = round(BESIDE_SURFACE / resolution)
     around = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
     beside = cv2.dilate((cells == OCCUPIED).astype(np.uint8), around)
     return np.asarray((cells == FREE) & (beside == 0))
