@@ -117,9 +117,9 @@ def with_other_modes(path: Path, rows: Rows) -> Rows:
     """Rows, and those of modes that weren't run now: a change of one mapper doesn't take the hours of the slow ones."""
     if not path.exists():
         return rows
-    modes = {row["mode"] for row in rows}
+    modes = {row.get("mode") for row in rows}
     before = json.loads(path.read_text())["rows"]
-    kept = [row for row in before if row.get("mode", "") not in modes | {""}]
+    kept = [row for row in before if row.get("mode") not in modes | {None}]
     subjects = [_subject(row) for row in rows]
     kept = [row for row in kept if _subject(row) in subjects]
     return sorted([*rows, *kept], key=lambda row: subjects.index(_subject(row)))
