@@ -63,8 +63,8 @@ SHOWN = (2, 3, 5, 10, 20, 30)
 PICTURED = (1, 10, 30)
 HERE = Pose2D(0.0, 0.0, 0.0)
 COLUMNS = (
-    "day", "homes", "continued", "localised [%]", "wrong [%]", "start unknown: localised [%]",
-    "start unknown: wrong [%]", "on the first map: localised [%]", "first map, start unknown [%]",
+    "day", "homes", "continued", "localised [%]", "wrong [%]", "start unknown [%]",
+    "start unknown, wrong [%]", "on the first map [%]", "first map, start unknown [%]",
     "nodes / day 3", "stale [%]", "walls kept [%]",
     "wall error / first day", "CPU s",
 )  # fmt: skip
@@ -267,9 +267,9 @@ def row(
         "continued": mean("continued"),
         "localised [%]": mean("localised", 100.0),
         "wrong [%]": mean("wrong", 100.0),
-        "start unknown: localised [%]": mean("start unknown: localised", 100.0),
-        "start unknown: wrong [%]": mean("start unknown: wrong", 100.0),
-        "on the first map: localised [%]": mean("first map: localised", 100.0),
+        "start unknown [%]": mean("start unknown: localised", 100.0),
+        "start unknown, wrong [%]": mean("start unknown: wrong", 100.0),
+        "on the first map [%]": mean("first map: localised", 100.0),
         "first map, start unknown [%]": mean("first map: start unknown: localised", 100.0),
         "nodes / day 3": ratio("nodes", 3),
         "stale [%]": mean("stale", 100.0),
