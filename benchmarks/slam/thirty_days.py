@@ -58,7 +58,7 @@ DAY = 86_400.0
 NEAR = 0.15
 """A cell so near to what stands there shows it [m]."""
 RIGHT_METRES, RIGHT_RADIANS = 0.5, 0.3
-SHOWN = (2, 3, 5, 10, 20, 30)
+SHOWN = (2, 3, 4, 5, 6, 7, 10, 20, 30)
 """Days of the table."""
 PICTURED = (1, 10, 30)
 HERE = Pose2D(0.0, 0.0, 0.0)
