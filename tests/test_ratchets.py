@@ -23,7 +23,7 @@ from source_tree import NO_ROOM, ROOT, modules, room_of, tree_of
 MAX_LINES = 400
 MAX_PARAMETERS = 8
 MAX_ATTRIBUTES = 15
-MAX_WORDS = 34_900
+MAX_WORDS = 36_900
 """Words of the documentation in all: README, CONTRIBUTING and docs/, without comments and tables of results; the
 changelog is not counted."""
 COMMENTS = re.compile(
@@ -37,17 +37,17 @@ SLACK = 0.05
 TOKENS: dict[str, int] = {
     "agents": 34850,
     "cad": 26490,
-    "commands": 27183,
+    "commands": 29680,
     "core": 19333,
     "dataset": 29248,
     "drawing": 45410,
-    "envs": 35550,
+    "envs": 40980,
     "gan": 28346,
     "interop": 18879,
     "metrics": 15192,
     "parametric": 13765,
-    "planning": 25349,
-    "ros2": 19980,
+    "planning": 27650,
+    "ros2": 24140,
     "sim": 26864,
     "slam": 55530,
     "slamgym": 121,
@@ -59,7 +59,7 @@ SETTINGS: dict[str, int] = {
     "cad": 3,
     "dataset": 19,
     "drawing": 2,
-    "envs": 39,
+    "envs": 46,
     "gan": 36,
     "parametric": 18,
     "planning": 19,

@@ -22,13 +22,11 @@ from slamgym.interop.ros_messages import (
 from slamgym.interop.transforms import clean_frame
 from slamgym.ros2.foreign_maps import ForeignMap
 from slamgym.ros2.gathered_maps import GatheredMaps
-from slamgym.ros2.mapping import TRANSFORM_INTERVAL
+from slamgym.ros2.mapping import SAVE_INTERVAL, TRANSFORM_INTERVAL
 from slamgym.ros2.node import LATCHED, SENSOR, RosNode, fill
 from slamgym.ros2.parameters import MergeParameters
 from slamgym.ros2.topics import KeptTopic
 
-SAVE_INTERVAL = 60.0
-"""The merged map is saved so often [s], and when a robot's map is placed: a node may be killed."""
 POSE_END = 5.0
 """A robot whose pose isn't heard for so long isn't reckoned with any more [s]; its map is kept."""
 _GRID_TYPE = "nav_msgs/msg/OccupancyGrid"
