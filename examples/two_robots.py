@@ -15,8 +15,8 @@ from slamgym import ExploreConfig, make_explorer, write_ros_map
 from slamgym.core.types import ByteArray
 from slamgym.envs import team
 from slamgym.envs.explore_env import explorer_context
-from slamgym.envs.team_env import ExploreTeamEnv
-from slamgym.envs.team_episode import merged_map
+from slamgym.envs.team.env import ExploreTeamEnv
+from slamgym.envs.team.episode import merged_map
 from slamgym.viz.films import open_film
 
 FILM_EVERY, FRAMES, WIDTH = 30, 10.0, 800

@@ -21,9 +21,9 @@ from slamgym.core.types import Pose2D
 from slamgym.envs.episode import fitted_env
 from slamgym.envs.explore_env import explorer_context
 from slamgym.envs.plan_cache import PreparedPlan, ResetOptions
-from slamgym.envs.team_config import MOST_ROBOTS
-from slamgym.envs.team_episode import team_steps
-from slamgym.envs.team_exploration import TeamExploration
+from slamgym.envs.team.config import MOST_ROBOTS
+from slamgym.envs.team.episode import team_steps
+from slamgym.envs.team.exploration import TeamExploration
 from slamgym.metrics import absolute_trajectory_error
 
 

@@ -31,8 +31,8 @@ from slamgym.core.types import FloatArray
 from slamgym.envs.episode import fitted_env
 from slamgym.envs.explore_env import explorer_context
 from slamgym.envs.plan_cache import ResetOptions
-from slamgym.envs.team_episode import team_steps
-from slamgym.envs.team_exploration import TeamExploration
+from slamgym.envs.team.episode import team_steps
+from slamgym.envs.team.exploration import TeamExploration
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save

@@ -103,8 +103,8 @@ def _explore_together(plan: FloorPlan, arguments: WatchArguments) -> None:
     from slamgym.agents.registry import make_explorer
     from slamgym.envs.explore_env import explorer_context
     from slamgym.envs.plan_cache import ResetOptions
-    from slamgym.envs.team_episode import team_steps
-    from slamgym.envs.team_exploration import TeamExploration
+    from slamgym.envs.team.episode import team_steps
+    from slamgym.envs.team.exploration import TeamExploration
     from slamgym.viz.exploration import Renderer
 
     config = _configure(arguments, plan)

@@ -11,7 +11,7 @@ from slamgym.core.errors import ConfigError
 from slamgym.core.limits import MAP_CELLS
 from slamgym.core.types import GridFrame
 from slamgym.envs.rewards import RewardConfig
-from slamgym.envs.team_config import TeamConfig
+from slamgym.envs.team.config import TeamConfig
 from slamgym.planning.promise import Promise
 from slamgym.sim import (
     ClutterConfig,

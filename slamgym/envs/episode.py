@@ -18,7 +18,7 @@ from slamgym.core.types import (
 )
 from slamgym.envs import EpisodeLog, ExploreConfig, ExploreEnv
 from slamgym.envs.stuck import StuckWatch
-from slamgym.envs.team_config import TeamConfig
+from slamgym.envs.team.config import TeamConfig
 from slamgym.interop import LogRecord
 from slamgym.planning import ExplorerContext
 

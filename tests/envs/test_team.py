@@ -14,15 +14,16 @@ from slamgym.agents import make_explorer
 from slamgym.cad import FloorPlan
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid, Pose2D
-from slamgym.envs import ExploreConfig, ExploreEnv, team_maps
+from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.envs.config import resolve_config
 from slamgym.envs.episode import EpisodeConfig
 from slamgym.envs.plan_cache import ResetOptions
+from slamgym.envs.team import maps as team_maps
 from slamgym.envs.team import parallel_env
-from slamgym.envs.team_config import TeamConfig
-from slamgym.envs.team_episode import merged_map, run_team_episode
-from slamgym.envs.team_exploration import TeamExploration
-from slamgym.envs.team_maps import SharedMap, TeamMaps
+from slamgym.envs.team.config import TeamConfig
+from slamgym.envs.team.episode import merged_map, run_team_episode
+from slamgym.envs.team.exploration import TeamExploration
+from slamgym.envs.team.maps import SharedMap, TeamMaps
 
 APART = {"start": [(1.0, 2.0, 0.0), (6.2, 1.0, 0.0)]}
 """One robot in each room of the flat."""
@@ -205,7 +206,7 @@ def test_without_pettingzoo_one_sentence_names_the_extra(monkeypatch):
             raise ImportError("no module", name="pettingzoo")
         return real(name, *args, **kwargs)
 
-    monkeypatch.delitem(sys.modules, "slamgym.envs.team_env", raising=False)
+    monkeypatch.delitem(sys.modules, "slamgym.envs.team.env", raising=False)
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(ConfigError, match=r"pip install 'slamgym\[teams\]'"):
         parallel_env()

@@ -9,7 +9,7 @@ from drawn_drives import FLAT, HERE, THERE, drive
 
 from slamgym.core.geometry import between, compose, inverse
 from slamgym.core.types import Pose2D
-from slamgym.envs.team_maps import ALIGN_INTERVAL, TeamMaps, placed
+from slamgym.envs.team.maps import ALIGN_INTERVAL, TeamMaps, placed
 from slamgym.metrics.trajectory import align_se2
 from slamgym.slam import SlamConfig
 from slamgym.slam.replay import replay

@@ -21,7 +21,7 @@ from slamgym.dataset.format import write_episode
 from slamgym.dataset.generate.recipe import DatasetConfig, episode_conditions
 from slamgym.dataset.record import Slot, make_pair
 from slamgym.envs.episode import MakeExplorer, run_episode
-from slamgym.envs.team_episode import run_team_episode
+from slamgym.envs.team.episode import run_team_episode
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from slamgym.envs.observations import FURTHEST, observation_space
 from slamgym.envs.plan_cache import PlanCache, PlansArgument, ResetOptions
 from slamgym.envs.rewards import RewardTerms
 from slamgym.envs.simulation import Actions
-from slamgym.envs.team_exploration import TeamExploration
+from slamgym.envs.team.exploration import TeamExploration
 from slamgym.sim.raycast import cast_sweep
 from slamgym.viz.exploration import Renderer
 
@@ -30,7 +30,7 @@ class ExploreTeamEnv(ParallelEnv[str, Any, Any]):
 
     The robots of :class:`~slamgym.envs.ExploreEnv`, called ``robot1`` to ``robot4``. They see, touch and push each
     other. Whenever maps are published, every 2 s, those that hear each other exchange them: always, within a range, or
-    when they meet (:class:`~slamgym.envs.team_config.TeamConfig`). Each lays what it was told under its own map, by
+    when they meet (:class:`~slamgym.envs.team.config.TeamConfig`). Each lays what it was told under its own map, by
     where the robots were put down if they know that, else once it is sure where the maps lie on each other.
 
     ## Action and Observation Space

@@ -17,7 +17,7 @@ from slamgym.envs.config import ExploreConfig
 from slamgym.envs.plan_cache import PlanCache, PlansArgument, ResetOptions
 from slamgym.envs.rewards import Reward, RewardTerms
 from slamgym.envs.simulation import EpisodeLog, Simulation
-from slamgym.envs.team_maps import TeamMaps
+from slamgym.envs.team.maps import TeamMaps
 from slamgym.sim.contact import SKIN
 from slamgym.sim.raycast import cast_rays
 from slamgym.viz.exploration import Scene

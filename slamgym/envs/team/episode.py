@@ -12,8 +12,8 @@ from slamgym.envs.episode import Episode, EpisodeConfig, MakeExplorer, fitted_en
 from slamgym.envs.explore_env import explorer_context
 from slamgym.envs.plan_cache import ResetOptions
 from slamgym.envs.simulation import Actions
-from slamgym.envs.team_exploration import TeamExploration
-from slamgym.envs.team_maps import joined_about
+from slamgym.envs.team.exploration import TeamExploration
+from slamgym.envs.team.maps import joined_about
 from slamgym.slam.graph.map_graph import MapGraph
 from slamgym.slam.merge.drawing import Picture, paint
 from slamgym.slam.merge.joint import tied_loosely

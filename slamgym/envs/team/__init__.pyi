@@ -1,0 +1,3 @@
+from .parallel import parallel_env
+
+__all__ = ["parallel_env"]
