@@ -37,7 +37,7 @@ $(VENV)/.base: setup.py pyproject.toml constraints.txt | $(VENV)/bin/python
 
 # What a developer needs: every extra that the tests exercise.
 $(VENV)/.dev: setup.py pyproject.toml constraints.txt | $(VENV)/bin/python
-	$(BIN)/pip install --quiet --constraint constraints.txt $(EDITABLE) ".[films,agents,gan,hub,offline,ifc,ray,ros,ros2,human,viz,site,dev]"
+	$(BIN)/pip install --quiet --constraint constraints.txt $(EDITABLE) ".[films,agents,gan,hub,offline,ifc,ray,ros,ros2,human,teams,viz,site,dev]"
 	@touch $@ $(VENV)/.base
 
 setup: $(VENV)/.dev

@@ -94,7 +94,7 @@ class Episode:
     @property
     def robot_seconds(self) -> float:
         """Duration on the robot's clock [s]."""
-        return float(self.truth.stamps[-1])
+        return float(self.truth.stamps[-1]) + self.geometry.scan_time
 
     @property
     def records(self) -> Iterator[LogRecord]:

@@ -64,7 +64,7 @@ class _Team:
             held_karp(np.ascontiguousarray(start), self._between)[0].min(axis=1, initial=np.inf)
             for start in self.starts
         ]
-        costs = np.array(lengths) + members @ self._loads
+        costs = np.array(lengths) + (members * self._loads).sum(axis=1)
         costs[:, 0] = 0.0
         for robot, own in enumerate(best_partition(costs).tolist()):
             self.tours[robot] = np.flatnonzero(members[own]).tolist()

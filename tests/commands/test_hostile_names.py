@@ -64,6 +64,7 @@ ELSEWHERE = {
     "bench leaderboard": "writes the page that the command line names, and the JSON beside it",
     "ros2 sim": "writes nothing",
     "ros2 map": "names its files itself; tests/ros2/test_map_node.py",
+    "ros2 merge": "names its files itself; tests/ros2/test_team.py",
     "ros2 explore": "names its files itself; tests/ros2/test_explore_node.py",
     "ros2 demo": "runs the other three",
     "drive": "writes the map that the command line names; tests/commands/test_drive_command.py",

@@ -203,9 +203,10 @@ def test_a_dataset_is_drawn_anew_along_its_own_paths(explored, tmp_path) -> None
         driven, again = (
             read_tum(root / "episodes" / one.name / "truth.tum").poses for root in (explored, out)
         )
-        # scans are drawn at the recorded places; millimetres are what the files' digits leave
+        # Recorded places are taken for the ends of sweeps: scans begin up to 0.1 s at 0.26 m/s before them, and
+        # millimetres are what the files' digits leave.
         gaps = np.hypot(*(driven[None, :, :2] - again[:, None, :2]).transpose(2, 0, 1)).min(axis=1)
-        assert gaps.max() < 0.02
+        assert gaps.max() < 0.03
         assert other.area == one.area
         assert abs(other.coverage - one.coverage) < 0.1
         assert load_pair(out, one.name)[1].tobytes() != load_pair(explored, one.name)[1].tobytes()

@@ -16,7 +16,7 @@ from slamgym.core.errors import ConfigError, InputFileError, SlamgymError
 from slamgym.core.files import StorageError
 from slamgym.core.geometry import compose
 from slamgym.core.types import FREE, OCCUPIED, LaserScan, Pose2D
-from slamgym.envs import ExploreConfig, ExploreEnv
+from slamgym.envs import ExploreEnv
 from slamgym.interop import read_ros_map, read_tum
 from slamgym.interop.logs import open_log
 from slamgym.interop.ros_messages import pose_of
@@ -24,10 +24,11 @@ from slamgym.ros2 import mapping
 from slamgym.ros2.mapping import TRANSFORM_AHEAD, MapNode
 from slamgym.ros2.parameters import MapParameters
 from slamgym.ros2.run_files import LOG
-from slamgym.sim import Lidar
+from slamgym.sim import Lidar, LidarConfig
 from slamgym.slam import SlamConfig, make_mapper
 
-LASER = Lidar(ExploreConfig().lidar).geometry
+INSTANTANEOUS = LidarConfig(sweep=0.0)
+LASER = Lidar(INSTANTANEOUS).geometry
 BEGIN = 10.0
 
 
@@ -35,7 +36,13 @@ class Drive:
     """What a robot in a home sensed, as messages, and where it was."""
 
     def __init__(self, steps):
-        env = ExploreEnv("bundled", localization="dead_reckoning", actions="physical", record=True)
+        env = ExploreEnv(
+            "bundled",
+            localization="dead_reckoning",
+            actions="physical",
+            record=True,
+            lidar=INSTANTANEOUS,
+        )
         env.reset(seed=4, options={"plan": "home_000007"})
         for step in range(steps):
             env.step(np.array([0.2, 0.6 * math.sin(0.1 * step)]))

@@ -14,8 +14,11 @@ from slamgym.interop.ros_messages import time_fields
 from slamgym.ros2.parameters import SimParameters
 from slamgym.ros2.sim_clock import BEGIN
 from slamgym.ros2.simulator import SimNode
+from slamgym.sim import LidarConfig
 
-STEP = ExploreConfig().control_step
+CONFIG = ExploreConfig(lidar=LidarConfig(sweep=0.0))
+"""So a scan is stamped when its step ends."""
+STEP = CONFIG.control_step
 
 
 class Still(SimNode):
@@ -29,7 +32,7 @@ def make(desk, monkeypatch, *others):
     """A simulator, and simulators of other names whose clocks are on the topic."""
     monkeypatch.setattr("slamgym.ros2.sim_clock.LISTENING_TIME", 0.01)
     monkeypatch.setattr("slamgym.ros2.sim_clock.STILL_TIME", 0.01)
-    node = desk.make(Still, SimParameters(seed=2, speed=0.0), ExploreConfig())
+    node = desk.make(Still, SimParameters(seed=2, speed=0.0), CONFIG)
     ends = [SimpleNamespace(node_namespace="/", node_name=name) for name in others]
     node.get_publishers_info_by_topic = lambda topic: ends if topic == "/clock" else []
     return node
