@@ -73,13 +73,6 @@ class _Map(NamedTuple):
     stamp: float = 0.0
 
 
-def _read_grid(foreign: ForeignMap, message: Any) -> Grid:
-    """The map of a message, on our lattice."""
-    info = message.info
-    origin = pose_of(info.origin, "map")
-    return foreign.take(message.data, info.width, info.height, info.resolution, origin)
-
-
 class ExploreNode(ManagedNode):
     """Explores, and saves the map and its drawing at the end.
 
@@ -235,12 +228,12 @@ class ExploreNode(ManagedNode):
     # --- the worker ---
 
     def _read_map(self, message: Any) -> None:
-        read = functools.partial(_read_grid, self._foreign, message)
+        read = functools.partial(self._foreign.take_message, message)
         self._use_map(read, stamp_of(message.header, 0.0))
 
     def _read_team_map(self, message: Any) -> None:
         try:
-            grid = _read_grid(ForeignMap("team_map"), message)
+            grid = ForeignMap("team_map").take_message(message)
         except (InputFileError, ValueError) as error:
             self.once(f"team_map {error}", f"a map is left out: {error}")
             return

@@ -25,6 +25,7 @@ from slamgym.core.types import (
     Pose2D,
 )
 from slamgym.interop.ros_map import MAX_ORIGIN
+from slamgym.interop.ros_messages import pose_of
 
 LATTICE_CELL = 0.05
 """Side of the cells that foreign maps are brought to [m]."""
@@ -58,6 +59,12 @@ class ForeignMap:
         self._values: NDArray[np.int8] | None = None  # (H, W), row 0 at the bottom
         self._resolution = LATTICE_CELL  # [m]
         self._origin = Pose2D(0.0, 0.0, 0.0)
+
+    def take_message(self, message: Any) -> OccupancyGrid:
+        """Take over a ``nav_msgs/OccupancyGrid``; see :meth:`take`."""
+        info = message.info
+        origin = pose_of(info.origin, "map")
+        return self.take(message.data, info.width, info.height, info.resolution, origin)
 
     def take(
         self, data: Any, width: int, height: int, resolution: float, origin: Pose2D

@@ -11,7 +11,7 @@ import numpy as np
 
 from slamgym.core.errors import SlamgymError
 from slamgym.core.geometry import between, compose, inverse, wrap_angle
-from slamgym.core.types import UNKNOWN, FloatArray, GridFrame, OccupancyGrid, Pose2D
+from slamgym.core.types import UNKNOWN, GridFrame, OccupancyGrid, Pose2D
 from slamgym.ros2.foreign_maps import LATTICE_CELL
 from slamgym.slam.merge.drawing import Picture, paint
 from slamgym.slam.merge.merging import FINE_TOLERANCE, Part, compare_parts
@@ -117,20 +117,15 @@ def find_place(
     except SlamgymError:  # one shows no wall yet
         return None
     if guess is None:
-        verdict = compare_parts(first, second, UNKNOWN_BUILDINGS)
-        found = verdict.best
-        return None if found is None or verdict.doubt else _as_pose(found.pose)
+        return compare_parts(first, second, UNKNOWN_BUILDINGS).place
     pose, _ = first.fields.align(second.floor.surfaces, np.array(guess))
-    moved = between(guess, _as_pose(pose))
+    place = Pose2D(*pose.tolist())
+    moved = between(guess, place)
     said = agreement(first.fields, second.fields, pose, FINE_TOLERANCE)
     is_near = max(abs(moved.x), abs(moved.y)) < FARTHEST_ALIGNED[0]
     is_turned = abs(wrap_angle(moved.theta)) > FARTHEST_ALIGNED[1]
     is_sure = UNKNOWN_BUILDINGS.evidence(said) >= UNKNOWN_BUILDINGS.sure
-    return _as_pose(pose) if is_sure and is_near and not is_turned else None
-
-
-def _as_pose(pose: FloatArray) -> Pose2D:
-    return Pose2D(*pose.tolist())
+    return place if is_sure and is_near and not is_turned else None
 
 
 def laid_under(own: OccupancyGrid, others: OccupancyGrid | None) -> OccupancyGrid:

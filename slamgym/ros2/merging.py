@@ -123,11 +123,8 @@ class MergeNode(RosNode):
     # --- the worker ---
 
     def _read_map(self, name: str, message: Any) -> None:
-        info = message.info
         try:
-            origin = pose_of(info.origin, "map")
-            shape = info.width, info.height, info.resolution
-            grid = self._foreign[name].take(message.data, *shape, origin)
+            grid = self._foreign[name].take_message(message)
         except (InputFileError, ValueError) as error:
             self.once(f"{name} {error}", f"a map is left out: {error}")
             return

@@ -240,9 +240,8 @@ class Lidar:
             float(config.attenuation),
         )
         self._law = plain(self.law)
-        self.is_perfect = replace(config, sweep=0.0) == lidar_level(
-            "exact", replace(config, sweep=0.0)
-        )
+        at_once = replace(config, sweep=0.0)
+        self.is_perfect = at_once == lidar_level("exact", at_once)
 
     def look(
         self, pose: Pose2D, segments: FloatArray, velocity: Twist2D = Twist2D(0.0, 0.0)

@@ -47,16 +47,22 @@ def end(*programs):
             program.communicate()
 
 
+def start_robot(environment, folder, *options):
+    """A simulated robot, its mapper and its explorer, which takes the options."""
+    node = ["-m", "slamgym", "ros2"]
+    clock = ["--ros-args", "-p", "use_sim_time:=true"]
+    explored = ["--out", str(folder / "explored"), *options]
+    return [
+        start(environment, *node, "sim", "--plan", "home_000001", "--speed", "2"),
+        start(environment, *node, "map", "--out", str(folder / "map"), *clock),
+        start(environment, *node, "explore", *explored, *clock),
+    ]
+
+
 def test_transforms_lead_from_the_map_to_the_laser_at_the_rates_that_nav2_needs(
     environment, tmp_path
 ):
-    node = ["-m", "slamgym", "ros2"]
-    clock = ["--ros-args", "-p", "use_sim_time:=true"]
-    programs = [
-        start(environment, *node, "sim", "--plan", "home_000001", "--speed", "2"),
-        start(environment, *node, "map", "--out", str(tmp_path / "map"), *clock),
-        start(environment, *node, "explore", "--out", str(tmp_path / "explored"), *clock),
-    ]
+    programs = start_robot(environment, tmp_path)
     listener = start(environment, str(HERE / "tf_listener.py"), "100", str(LONGEST))
     try:
         printed, _ = listener.communicate(timeout=2 * LONGEST)
@@ -72,15 +78,7 @@ def test_transforms_lead_from_the_map_to_the_laser_at_the_rates_that_nav2_needs(
 
 
 def test_goals_go_to_nav2s_action_and_an_aborted_one_is_followed_by_another(environment, tmp_path):
-    node = ["-m", "slamgym", "ros2"]
-    clock = ["--ros-args", "-p", "use_sim_time:=true"]
-    programs = [
-        start(environment, *node, "sim", "--plan", "home_000001", "--speed", "2"),
-        start(environment, *node, "map", "--out", str(tmp_path / "map"), *clock),
-        start(
-            environment, *node, "explore", "--drive", "goals", "--out", str(tmp_path / "e"), *clock
-        ),
-    ]
+    programs = start_robot(environment, tmp_path, "--drive", "goals")
     server = start(environment, str(HERE / "goal_server.py"), "2", str(LONGEST))
     try:
         printed, _ = server.communicate(timeout=2 * LONGEST)

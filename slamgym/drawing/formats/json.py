@@ -24,7 +24,7 @@ from slamgym.cad.houseexpo import MAX_ID, format_houseexpo
 from slamgym.cad.polygons import largest_part
 from slamgym.drawing.drawing import Dimension, Drawing, DrawnDoor, DrawnRoom, DrawnWall, Question
 from slamgym.drawing.edits import map_digest
-from slamgym.drawing.formats.upright import turn_deg
+from slamgym.drawing.formats.upright import turn_facts
 
 LOCAL_METRES = (
     'ENGCRS["frame of the map",EDATUM["origin of the map"],CS[Cartesian,2],AXIS["(X)",east,ORDER[1]],'
@@ -49,7 +49,7 @@ def drawing_facts(drawing: Drawing) -> dict[str, Any]:
         "frame": "metres in the frame of the map, x right, y up",
         "bounds": _plain(drawing.bounds),
         "angle_deg": round(drawing.angle_deg, 3),
-        "upright": {"turn_deg": round(turn_deg(drawing), 3), "about": [0.0, 0.0]},
+        "upright": turn_facts(drawing),
         "area_m2": round(drawing.area, 3),
         "walls": [{**_wall(wall), "polygon": _rings(wall.polygon)} for wall in drawing.walls],
         "doors": [_door(door) for door in drawing.doors],
@@ -71,7 +71,7 @@ def format_geojson(drawing: Drawing) -> str:
         "coordinates": "local metres in the frame of the map, x right, y up; not longitude and latitude",
         "bbox": _plain(drawing.bounds),
         "angle_deg": round(drawing.angle_deg, 3),
-        "upright": {"turn_deg": round(turn_deg(drawing), 3), "about": [0.0, 0.0]},
+        "upright": turn_facts(drawing),
         "doubts": list(drawing.doubts),
         "provenance": drawing.provenance,
         "features": list(_features(drawing)),

@@ -21,6 +21,11 @@ def turn_deg(drawing: Drawing) -> float:
     return 0.0 if abs(drawing.angle_deg) < LEAST_TURN else -drawing.angle_deg
 
 
+def turn_facts(drawing: Drawing) -> dict[str, Any]:
+    """The same as files of data say it."""
+    return {"turn_deg": round(turn_deg(drawing), 3), "about": [0.0, 0.0]}
+
+
 def turned_shape(shape: _Shape, angle_deg: float) -> _Shape:
     """A shape turned counter-clockwise about the origin of the map."""
     return affinity.rotate(shape, angle_deg, origin=(0.0, 0.0)) if angle_deg else shape

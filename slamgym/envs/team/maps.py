@@ -190,9 +190,7 @@ def placed(first: MapGraph, second: MapGraph, guess: Pose2D | None) -> Pose2D | 
             parts = [Part.of_graph("a robot's map", graph) for graph in (first, second)]
         except SlamgymError:  # nothing is mapped yet
             return None
-        verdict = compare_parts(parts[0], parts[1], UNKNOWN_BUILDINGS)
-        found = verdict.best
-        return None if found is None or verdict.doubt else Pose2D(*found.pose.tolist())
+        return compare_parts(parts[0], parts[1], UNKNOWN_BUILDINGS).place
     joint = joined_about(first, second, guess)
     if joint is None:
         return None

@@ -56,12 +56,15 @@ class MapGraph:
 
     def grid(self) -> OccupancyGrid:
         """Draw the map, with the cells of the first drive."""
-        drives = self.drives
-        drawn = HitCountMap(drives[0].beams, drives[0].config)
+        return self.counted(*self.drives).occupancy_grid()
+
+    def counted(self, *drives: DriveScans) -> HitCountMap:
+        """What some drives count, in the cells of the graph's first."""
+        drawn = HitCountMap(drives[0].beams, self.drives[0].config)
         for drive in drives:
             drawn.see_with(drive.beams)
             drawn.draw(drawn_poses(self.poses[drive.nodes]), drive.ranges)
-        return drawn.occupancy_grid()
+        return drawn
 
     def moved(self, poses: FloatArray) -> "MapGraph":
         """The same with its nodes at other poses (N, 3)."""

@@ -9,8 +9,7 @@ import cv2
 import numpy as np
 
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, OccupancyGrid
-from slamgym.slam.graph.map_graph import DriveScans, MapGraph, drawn_poses
-from slamgym.slam.hit_counts import HitCountMap
+from slamgym.slam.graph.map_graph import MapGraph
 
 BESIDE_SURFACE = 0.1
 """A cell so near to a surface isn't free of it [m]: drives join to within some centimetres."""
@@ -20,24 +19,14 @@ def draw_days(graph: MapGraph) -> OccupancyGrid:
     """Draw the map of a graph whose drives are in the order of time, with the cells of the first."""
     if len(graph.drives) == 1:
         return graph.grid()
-    whole = HitCountMap(graph.drives[0].beams, graph.drives[0].config)
-    for drive in graph.drives:
-        _draw(whole, drive, graph)
-    days = []
-    for drive in graph.drives:
-        day = HitCountMap(drive.beams, graph.drives[0].config)
-        _draw(day, drive, graph)
+    whole = graph.counted(*graph.drives)
+    days = [graph.counted(drive) for drive in graph.drives]
+    for day in days:
         day.cover(whole.box)
-        days.append(day)
     votes = np.stack([_vote(day.classified(), day.resolution) for day in days])
     counts = np.stack([day.counts for day in days])
     whole.counts[:] = np.where(count_now(votes)[..., None], counts, 0).sum(axis=0)
     return whole.occupancy_grid()
-
-
-def _draw(drawn: HitCountMap, drive: DriveScans, graph: MapGraph) -> None:
-    drawn.see_with(drive.beams)
-    drawn.draw(drawn_poses(graph.poses[drive.nodes]), drive.ranges)
 
 
 def _vote(cells: ByteArray, resolution: float) -> ByteArray:

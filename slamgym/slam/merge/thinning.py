@@ -23,10 +23,7 @@ def thinned(graph: MapGraph) -> MapGraph:
     """A graph without the submaps that :data:`KEPT_DRIVES` newer drives show again; the poses stay."""
     if len(graph.drives) <= KEPT_DRIVES:
         return graph
-    whole = HitCountMap(graph.drives[0].beams, graph.drives[0].config)
-    for drive in graph.drives:
-        whole.see_with(drive.beams)
-        whole.draw(drawn_poses(graph.poses[drive.nodes]), drive.ranges)
+    whole = graph.counted(*graph.drives)
     seen = np.zeros(whole.counts.shape[:2], np.int64)
     is_kept = np.ones(len(graph.submaps), dtype=bool)
     for drive in reversed(graph.drives):

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slamgym.core.types import FloatArray
+from slamgym.core.types import FloatArray, Pose2D
 from slamgym.slam.merge.joint import Joint
 from slamgym.slam.merge.overlay import WallAgreement
 
@@ -59,6 +59,11 @@ class JointVerdict(NamedTuple):
     best: Overlay | None  # None: nothing of one is seen on the other
     rival: float  # evidence of the best other place [nats]
     doubt: str  # why it isn't sure; empty if it is
+
+    @property
+    def place(self) -> Pose2D | None:
+        """Where the second map lies on the first; None if that isn't sure."""
+        return None if self.best is None or self.doubt else Pose2D(*self.best.pose.tolist())
 
 
 def judge_joint(hypotheses: Sequence[Overlay], odds: Odds) -> JointVerdict:

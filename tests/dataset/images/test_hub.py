@@ -7,10 +7,7 @@ import sys
 
 import pytest
 
-from slamgym.dataset.curate.split import make_split
 from slamgym.dataset.images.format import load_images, read_images
-from slamgym.dataset.images.render import render_images, select_pairs
-from slamgym.dataset.images.square_images import ImageConfig
 
 LOAD = """
 import json, sys
@@ -28,16 +25,6 @@ rows = {
 }
 print(json.dumps(rows))
 """
-
-
-@pytest.fixture
-def images(dataset_copy, tmp_path):
-    split = make_split(dataset_copy, test=0.4, seed=1)
-    selection = select_pairs(dataset_copy, 0.0)
-    render_images(
-        dataset_copy, tmp_path / "images", ImageConfig(size=64), split, selection=selection
-    )
-    return tmp_path / "images"
 
 
 def test_datasets_loads_the_folder_as_it_lies(images, tmp_path):
