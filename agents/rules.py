@@ -12,7 +12,7 @@ import numpy as np
 from slamgym.core.types import BoolArray, FloatArray
 from slamgym.envs.frontier_features import candidate_places, candidate_tour_lengths
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
-from slamgym.planning.frontiers import expected_gain, view_gain
+from slamgym.planning.frontiers import expected_gains, view_gain
 from slamgym.planning.grid_path import CoarsePaths
 from slamgym.planning.open_tour import open_tour
 from slamgym.planning.team_tours import share_tours
@@ -96,7 +96,7 @@ class CostUtility:
         assert costmap is not None
         max_range = loop.context.geometry.range_max
         middles = [one.frontier.middle for one in loop.candidates]
-        areas = np.array([expected_gain(costmap, middle, max_range) for middle in middles])
+        areas = expected_gains(costmap, middles, max_range)
         utilities = areas / (math.pi * max_range**2)
         costs = np.array([one.path_cost for one in loop.candidates])
         return utilities - self.cost_weight * costs

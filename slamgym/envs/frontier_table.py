@@ -5,17 +5,16 @@ to choose (:mod:`slamgym.envs.frontier_features`). All of it is belief.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from slamgym.core.types import Float32Array, FloatArray
 from slamgym.planning.costmap import FARTHEST_WALL, LETHAL_COST, NO_INFORMATION, Costmap
 from slamgym.planning.exploration_loop import ExplorationLoop
-from slamgym.planning.frontier_candidates import unknown_regions
-from slamgym.planning.frontier_feature_kernels import UnknownRegion
-from slamgym.planning.frontiers import Frontier, expected_gain
+from slamgym.planning.frontier_candidates import Runs, unknown_regions
+from slamgym.planning.frontiers import Frontier, expected_gains
 from slamgym.planning.view_history import ViewHistory
 
 TIME_SCALE = 600.0
@@ -51,99 +50,90 @@ _RING = np.array([(-3, 0), (-2, 2), (0, 3), (2, 2), (3, 0), (2, -2), (0, -3), (-
 """Rows and columns of a ring about a cell, by which the side of the unknown is found [cells]."""
 
 
-@dataclass(frozen=True)
-class FrontierMeasures:
-    """What is measured of a frontier, before it is scaled."""
-
-    size: float
-    """Number of its cells times their side [m]."""
-    extent: float
-    """Diagonal of the box about the centres of its cells [m]."""
-    gain: float
-    """Unknown area in sight of its middle [m2]."""
-    clearance: float
-    """Distance from walls [m]."""
-    unknown: UnknownRegion
-    """The unknown behind it."""
-    cell: float
-    """Side of the cells in which the unknown is counted [m]."""
-
-
-FRONTIER_SCALES: Mapping[str, Callable[[FrontierMeasures], float]] = {
-    "size": lambda one: one.size / 3.0,
-    "extent": lambda one: one.extent / 3.0,
-    "gain": lambda one: one.gain / 15.0,
-    "clearance": lambda one: one.clearance / 1.5,
-    "unknown_near": lambda one: one.unknown.near * one.cell**2 / 5.0,
-    "unknown_far": lambda one: one.unknown.far * one.cell**2 / 20.0,
-    "unknown_outside": lambda one: one.unknown.outside,
-    "unknown_enclosed": lambda one: one.unknown.is_enclosed,
-    "unknown_free_border": lambda one: one.unknown.free * one.cell / 5.0,
-    "unknown_wall_border": lambda one: one.unknown.occupied * one.cell / 10.0,
-    "unknown_frontiers": lambda one: one.unknown.frontiers / 4.0,
+FRONTIER_SCALES: Mapping[str, float] = {
+    "size": 3.0,
+    "extent": 3.0,
+    "gain": 15.0,
+    "clearance": 1.5,
+    "unknown_near": 5.0,
+    "unknown_far": 20.0,
+    "unknown_outside": 1.0,
+    "unknown_enclosed": 1.0,
+    "unknown_free_border": 5.0,
+    "unknown_wall_border": 10.0,
+    "unknown_frontiers": 4.0,
 }
-"""Figures of a frontier for networks, scaled to about 1: for the policy that chooses a candidate, and for the network
-that says what a frontier hides (:mod:`slamgym.agents.hidden_floor`)."""
-
-
-def scaled_figures(measures: FrontierMeasures) -> dict[str, float]:
-    """The figures of :data:`FRONTIER_SCALES`."""
-    return {name: scale(measures) for name, scale in FRONTIER_SCALES.items()}
+"""What figures of a frontier are divided by, so that they are about 1: lengths [m], areas [m2] and counts."""
 
 
 def describe_frontiers(
     loop: ExplorationLoop, views: ViewHistory, frontiers: Sequence[Frontier]
 ) -> Float32Array:
-    """The :data:`FRONTIER_FIGURES` of some frontiers of an exploration with a map, shape (N, figures)."""
+    """The :data:`FRONTIER_FIGURES` of some frontiers of an exploration with a map, at least one, (N, figures)."""
     costmap = loop.navigator.costmap
     assert costmap is not None
-    cell, regions = unknown_regions(costmap, [one.cells for one in frontiers])
-    places = [costmap.frame.to_points(one.cells[:, 0], one.cells[:, 1]) for one in frontiers]
-    outward = np.array([outward_of(costmap, one) for one in frontiers])
-    beams = views.figures(places, outward).tolist()
-    max_range = loop.context.geometry.range_max
-    shared = {
+    runs = Runs.of([one.cells for one in frontiers])
+    points = costmap.frame.to_points(*runs.cells.T)
+    figures: dict[str, Any] = {
         "known_area": min(loop.known_area, _LARGEST_AREA) / AREA_SCALE,
         "time": min(loop.time, _LONGEST_TIME) / TIME_SCALE,
         "round": loop.round,
         "unseen_share": expected_unseen_share(loop),
     }
-    rows = []
-    for index, frontier in enumerate(frontiers):
-        clearance = float(costmap.distance[tuple(frontier.cells.T)].max())  # [cells]
-        resolution = costmap.frame.resolution
-        measures = FrontierMeasures(
-            size=frontier.size * resolution,
-            extent=float(np.hypot(*np.ptp(places[index], axis=0))),
-            gain=expected_gain(costmap, frontier.middle, max_range),
-            clearance=min(clearance * resolution, FARTHEST_WALL),
-            unknown=regions[index],
-            cell=cell,
-        )
-        figures = shared | scaled_figures(measures)
-        figures["room"] = min(0.5 * frontier.size, clearance) * resolution
-        figures["distance"] = min(frontier.min_distance, _FARTHEST) / DISTANCE_SCALE
-        figures |= zip(_LOOKS, beams[index], strict=True)
-        rows.append([figures[name] for name in FRONTIER_FIGURES])
-    return np.array(rows, np.float32)
+    measures = _measure(costmap, runs, frontiers, loop.context.geometry.range_max)
+    measures["extent"] = np.hypot(*runs.spread(points).T)
+    figures |= {name: measures[name] / scale for name, scale in FRONTIER_SCALES.items()}
+    figures["room"] = measures["room"]
+    distances = np.array([one.min_distance for one in frontiers])
+    figures["distance"] = np.minimum(distances, _FARTHEST) / DISTANCE_SCALE
+    beams = views.figures(points, runs.starts, outward_of(costmap, runs))
+    figures |= zip(_LOOKS, beams.T, strict=True)
+    table = np.empty((len(frontiers), len(FRONTIER_FIGURES)), np.float32)
+    for column, name in enumerate(FRONTIER_FIGURES):
+        table[:, column] = figures[name]
+    return table
 
 
-def outward_of(costmap: Costmap, frontier: Frontier) -> FloatArray:
-    """Unit vector from the known to the unknown at a frontier, shape (2,)."""
+def _measure(
+    costmap: Costmap, runs: Runs, frontiers: Sequence[Frontier], max_range: float
+) -> dict[str, FloatArray]:
+    """What the map says of frontiers, shapes (N,) [m, m2]: all but their extent."""
+    resolution = costmap.frame.resolution
+    distances = costmap.distance[tuple(runs.cells.T)]
+    clearance = np.maximum.reduceat(distances, runs.starts[:-1]).astype(np.float64)  # [cells]
+    sizes = np.diff(runs.starts)
+    unknown, cell = unknown_regions(costmap, runs)
+    near, far, outside, is_enclosed, free, occupied, others = unknown.T
+    return {
+        "size": sizes * resolution,
+        "room": np.minimum(0.5 * sizes, clearance) * resolution,
+        "clearance": np.minimum(clearance * resolution, FARTHEST_WALL),
+        "gain": expected_gains(costmap, [one.middle for one in frontiers], max_range),
+        "unknown_near": near * cell**2,
+        "unknown_far": far * cell**2,
+        "unknown_outside": outside,
+        "unknown_enclosed": is_enclosed,
+        "unknown_free_border": free * cell,
+        "unknown_wall_border": occupied * cell,
+        "unknown_frontiers": others,
+    }
+
+
+def outward_of(costmap: Costmap, runs: Runs) -> FloatArray:
+    """Unit vectors from the known to the unknown at frontiers, shape (N, 2)."""
     height, width = costmap.costs.shape
-    around = frontier.cells[:, None] + _RING
+    around = runs.cells[:, None] + _RING
     row = np.clip(around[..., 0], 0, height - 1)
     col = np.clip(around[..., 1], 0, width - 1)
     costs = costmap.costs[row, col]
-    unknown = (costs == NO_INFORMATION).sum(axis=0)
-    passable = (costs < LETHAL_COST).sum(axis=0)
-    weights = unknown - 1.0 * passable
-    x = float((weights * _RING[:, 1]).sum())
-    y = -float((weights * _RING[:, 0]).sum())
-    length = math.hypot(x, y)
-    if length == 0.0:
-        return np.array([1.0, 0.0])
-    return np.array([x / length, y / length])
+    is_unknown = (costs == NO_INFORMATION).astype(np.int64)
+    sides = np.add.reduceat(is_unknown - (costs < LETHAL_COST), runs.starts[:-1], axis=0)
+    down, right = (sides[:, :, None] * _RING).sum(axis=1).T.tolist()
+    outward = []
+    for x, y in zip(right, down, strict=True):
+        length = math.hypot(x, y)
+        outward.append((x / length, -y / length) if length else (1.0, 0.0))
+    return np.array(outward)
 
 
 def expected_unseen_share(loop: ExplorationLoop) -> float:

@@ -39,7 +39,7 @@ from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
 from slamgym.envs.far_look import write_far
 from slamgym.planning import ExplorerContext, Goal, Navigator, find_frontiers
 from slamgym.planning.costmap import unmapped_points
-from slamgym.planning.frontier_feature_kernels import explore_unknown_region
+from slamgym.planning.frontier_feature_kernels import explore_unknown_regions
 from slamgym.planning.open_tour import lengths_by_first, open_tour, short_paths
 from slamgym.planning.view_history import ViewHistory
 from slamgym.sim import ClutterConfig
@@ -178,7 +178,7 @@ def _decide() -> None:
     unmapped_points(env.loop.known_map(), np.zeros((1, 2)), 0.1)
     views = ViewHistory(env.loop.context)
     views.note(Pose2D(0.0, 0.0, 0.0), np.ones(_LASER.num_beams, np.float32))
-    views.figures([np.ones((1, 2))], np.ones((1, 2)))
+    views.figures(np.ones((1, 2)), np.array([0, 1]), np.ones((1, 2)))
     env.step(0)
 
 
@@ -207,7 +207,7 @@ KERNEL_PARTS: dict[str, tuple[Callable[[], None], Callable[..., Any]]] = {
     BATCHED: (_step_many, write_far),
     "pose_graph": (functools.partial(_match, "pose_graph"), search_blocks),
     "furnish": (_furnish, next_clear),
-    "decide": (_decide, explore_unknown_region),
+    "decide": (_decide, explore_unknown_regions),
 }
 """Function that compiles each part, and a kernel that it compiles at its end."""
 

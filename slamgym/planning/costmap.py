@@ -240,15 +240,9 @@ def make_costmap(
     changed = _box(cells != older) or _Window(0, 0, 0, 0)
     near = changed.widened(reach, frame.shape)
     around = changed.widened(2 * reach, frame.shape)
-    squared_around = _squared_distance(cells[around.slices])
-    squared = squared_around[near.within(around).slices]
-    squared[squared > reach**2] = np.inf
-    distance[near.slices] = np.sqrt(squared)
-    entries = np.minimum(squared, len(table) - 1)
-    by_distance = table[entries.astype(np.int32)]
+    to_occupied = _distance_to_occupied(cells[around.slices])[near.within(around).slices]
     near_cells = cells[near.slices]
-    known = (near_cells == FREE) | (near_cells == OCCUPIED)
-    costs[near.slices] = np.where(known, by_distance, NO_INFORMATION)
+    _inflate(to_occupied, near_cells, table, reach, distance[near.slices], costs[near.slices])
     return Costmap(costs, distance, frame, cells, config)
 
 
@@ -272,19 +266,48 @@ def _offset_in(before: Costmap, frame: GridFrame, config: CostmapConfig) -> tupl
     return (top, left) if holds_rows and holds_cols else None
 
 
-def _squared_distance(cells: ByteArray) -> Float32Array:
-    """Squared distance of each cell to the nearest occupied one, between centres, shape (H, W) [cells^2].
-
-    Rounded to what it must be, a whole number: the last bit of what OpenCV computes depends on the processor.
-    """
+def _distance_to_occupied(cells: ByteArray) -> Float32Array:
+    """Distance of each cell to the nearest occupied one, between centres, shape (H, W) [cells]."""
     import cv2  # here, because help pages read the settings above
 
     is_open = cells != OCCUPIED
     image = is_open.view(np.uint8)
-    distance = cv2.distanceTransform(image, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    # Without obstacles OpenCV says 2^64, whose square overflows on some processors.
-    finite = np.minimum(distance, 1e6)
-    return np.rint(finite**2)
+    distance: Float32Array = cv2.distanceTransform(image, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return distance
+
+
+@kernel
+def _inflate(
+    to_occupied: Float32Array,
+    cells: ByteArray,
+    table: ByteArray,
+    reach: int,
+    distance: Float32Array,
+    costs: ByteArray,
+) -> None:
+    """Write distances and costs of cells.
+
+    Args:
+        to_occupied: Distance to the nearest occupied cell, shape (H, W) [cells].
+        cells: The map, shape (H, W).
+        table: Cost by squared distance.
+        reach: What is farther than this counts as infinitely far [cells].
+        distance: Out: shape (H, W) [cells].
+        costs: Out: shape (H, W).
+    """
+    farthest = len(table) - 1
+    height, width = cells.shape
+    for row in range(height):
+        for col in range(width):
+            # Squared it must be a whole number: the last bit of what OpenCV computes depends on the processor.
+            # Without obstacles OpenCV says 2^64, whose square overflows on some processors.
+            straight = min(to_occupied[row, col], np.float32(1e6))
+            squared = np.rint(straight * straight)
+            is_far = squared > reach * reach
+            distance[row, col] = np.float32(np.inf) if is_far else np.sqrt(squared)
+            is_known = cells[row, col] == FREE or cells[row, col] == OCCUPIED
+            entry = farthest if is_far or squared > farthest else int(squared)
+            costs[row, col] = table[entry] if is_known else NO_INFORMATION
 
 
 def _known_window(cells: ByteArray) -> _Window | None:

@@ -79,6 +79,7 @@ class Trail:
     """Places where the robot has been, as it believed then."""
 
     places: list[Point] = field(default_factory=list)  # [m]
+    _found: tuple[Costmap, int, bool] | None = None  # on a map, of so many places
 
     def note(self, pose: Pose2D) -> None:
         """Note where the robot is, if that is some way from the last place."""
@@ -88,6 +89,14 @@ class Trail:
 
     def is_cut_off(self, costmap: Costmap, reachable: Reachable) -> bool:
         """True if the map shows no way back to a part of the trail: a door on it is drawn shut."""
+        found = self._found
+        if found is None or found[0] is not costmap or found[1] != len(self.places):
+            is_cut_off = self._misses_places(costmap, reachable)
+            found = self._found = (costmap, len(self.places), is_cut_off)
+        return found[2]
+
+    def _misses_places(self, costmap: Costmap, reachable: Reachable) -> bool:
+        """Look for all places on a map."""
         missing = 0
         if not self.places:
             return False

@@ -7,14 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slamgym.core.types import ByteArray, FloatArray, GridFrame, Int32Array, Pose2D
+from slamgym.core.types import ByteArray, FloatArray, GridFrame, Int32Array, IntArray, Pose2D
 from slamgym.planning.costmap import INSCRIBED_COST, NO_INFORMATION, Costmap, cells_inside
-from slamgym.planning.frontier_feature_kernels import (
-    UnknownRegion,
-    classify_costs,
-    coarse_cells,
-    explore_unknown_region,
-)
+from slamgym.planning.frontier_feature_kernels import explore_unknown_regions
 from slamgym.planning.frontiers import Frontier, Point, Reachable, describe_frontier, find_frontiers
 from slamgym.planning.grid_path import COST_FACTOR, place_near
 from slamgym.planning.grid_path_kernels import search_path, trace_path
@@ -189,29 +184,43 @@ def split_frontier(
     return [describe_frontier(cells, frame, pose) for cells in done]
 
 
-def unknown_regions(
-    costmap: Costmap, frontiers: Sequence[Int32Array]
-) -> tuple[float, list[UnknownRegion]]:
-    """Measure the unknown behind frontiers, given by their cells, each of shape (N, 2).
+class Runs(NamedTuple):
+    """Cells of several frontiers, one after the other."""
+
+    cells: Int32Array
+    """(M, 2) rows and columns."""
+    starts: IntArray
+    """(N + 1,) where each frontier begins, with the end appended."""
+
+    @staticmethod
+    def of(frontiers: Sequence[Int32Array]) -> "Runs":
+        """Those of frontiers given by their cells, shapes (size, 2)."""
+        sizes = [len(cells) for cells in frontiers]
+        return Runs(np.concatenate(frontiers), np.append(0, np.cumsum(sizes)))
+
+    def spread(self, values: FloatArray) -> FloatArray:
+        """How far values (M, K) of the cells lie apart within each frontier, shape (N, K)."""
+        firsts = self.starts[:-1]
+        highest = np.maximum.reduceat(values, firsts, axis=0)
+        return highest - np.minimum.reduceat(values, firsts, axis=0)
+
+
+def unknown_regions(costmap: Costmap, frontiers: Runs) -> tuple[FloatArray, float]:
+    """Measure the unknown behind frontiers.
 
     Returns:
-        The size of the cells in which it is counted [m], and the region behind each frontier.
+        The region behind each, shape (N, 7), with the columns of
+        :class:`~slamgym.planning.frontier_feature_kernels.UnknownRegion`, and the size of the cells in which it is
+        counted [m].
     """
-    classes = classify_costs(costmap.costs, COARSENING)
     cell = costmap.frame.resolution * COARSENING
-    coarse = [coarse_cells(cells, COARSENING, classes.shape) for cells in frontiers]
-    labels = np.full(classes.shape, -1, np.int16)
-    for index, cells in enumerate(coarse):
-        labels[cells[:, 0], cells[:, 1]] = index
     # The margin is what a costmap keeps about the known part.
     steps = (round(_NEAR / cell), round(_FAR / cell))
     margin = round(0.5 / cell)
-    count = len(coarse)
-    regions = [
-        explore_unknown_region(classes, labels, index, cells, steps, margin, count)
-        for index, cells in enumerate(coarse)
-    ]
-    return cell, regions
+    regions = explore_unknown_regions(
+        costmap.costs, frontiers.cells, frontiers.starts, COARSENING, steps, margin
+    )
+    return regions, cell
 
 
 def _coarse_cell(place: tuple[int, int], frame: GridFrame) -> int:

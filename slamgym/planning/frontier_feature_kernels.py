@@ -16,42 +16,71 @@ OCCUPIED_CLASS = 2
 
 UNKNOWN_CLASS = 0
 
-_CLASS_OF_COST = np.full(256, FREE_CLASS, np.uint8)
-"""The class of each cost."""
-_CLASS_OF_COST[LETHAL_COST] = OCCUPIED_CLASS
-_CLASS_OF_COST[NO_INFORMATION] = UNKNOWN_CLASS
 
-
+@kernel
 def classify_costs(costs: ByteArray, coarsening: int) -> ByteArray:
     """Coarse classes of a costmap, shape (H // coarsening, W // coarsening).
 
     A coarse cell is occupied if any of its cells is, else free if any is, else unknown: walls stay closed.
     """
-    rows, cols = costs.shape
-    height = rows // coarsening * coarsening
-    width = cols // coarsening * coarsening
-    classes = _CLASS_OF_COST[costs[:height, :width]]
-    offsets = range(coarsening)
-    blocks = [classes[r::coarsening, c::coarsening] for r in offsets for c in offsets]
-    return np.maximum.reduce(blocks)
+    height = costs.shape[0] // coarsening
+    width = costs.shape[1] // coarsening
+    classes = np.zeros((height, width), np.uint8)
+    for row in range(height * coarsening):
+        for col in range(width * coarsening):
+            cost = costs[row, col]
+            if cost == LETHAL_COST:
+                classes[row // coarsening, col // coarsening] = OCCUPIED_CLASS
+            elif cost != NO_INFORMATION:
+                known = classes[row // coarsening, col // coarsening]
+                classes[row // coarsening, col // coarsening] = max(known, FREE_CLASS)
+    return classes
 
 
-def coarse_cells(cells: Int32Array, coarsening: int, shape: tuple[int, int]) -> IntArray:
-    """The coarse cells of a frontier, once each, shape (N, 2); those beyond the coarse map moved to its edge.
+@kernel
+def explore_unknown_regions(
+    costs: ByteArray,
+    cells: Int32Array,
+    starts: IntArray,
+    coarsening: int,
+    steps: tuple[int, int],
+    margin: int,
+) -> FloatArray:
+    """Flood the unknown region behind each frontier, on a coarse map.
 
     Args:
-        cells: The frontier's cells, shape (M, 2).
+        costs: Costmap, shape (H, W).
+        cells: The frontiers' cells, shape (M, 2); those beyond the coarse map count as on its edge.
+        starts: Where each frontier begins, with the end appended, shape (N + 1,).
         coarsening: Side of a coarse cell [cells].
-        shape: Of the coarse map.
+        steps: As for :func:`explore_unknown_region`, like the margin.
+        margin: See there.
+
+    Returns:
+        What :class:`UnknownRegion` has of each, shape (N, 7).
     """
-    height, width = shape
-    coarse = cells // coarsening
-    coarse_row, coarse_col = coarse.T
-    rows = np.minimum(coarse_row, height - 1, dtype=np.int64)
-    cols = np.minimum(coarse_col, width - 1, dtype=np.int64)
-    once = np.unique(rows * width + cols)
-    rows, cols = np.divmod(once, width)
-    return np.stack([rows, cols], axis=1)
+    classes = classify_costs(costs, coarsening)
+    height, width = classes.shape
+    count = len(starts) - 1
+    coarse = np.empty((len(cells), 2), np.int64)
+    labels = np.full(classes.shape, -1, np.int16)
+    for label in range(count):
+        for i in range(starts[label], starts[label + 1]):
+            coarse[i, 0] = min(cells[i, 0] // coarsening, height - 1)
+            coarse[i, 1] = min(cells[i, 1] // coarsening, width - 1)
+            labels[coarse[i, 0], coarse[i, 1]] = label
+    regions = np.empty((count, 7))
+    for label in range(count):
+        own = coarse[starts[label] : starts[label + 1]]
+        found = explore_unknown_region(classes, labels, label, own, steps, margin, count)
+        regions[label, 0] = found.near
+        regions[label, 1] = found.far
+        regions[label, 2] = found.outside
+        regions[label, 3] = found.is_enclosed
+        regions[label, 4] = found.free
+        regions[label, 5] = found.occupied
+        regions[label, 6] = found.frontiers
+    return regions
 
 
 class UnknownRegion(NamedTuple):
@@ -186,4 +215,13 @@ def unknown_by_ray(costs: ByteArray, row: int, col: int, max_range: float) -> Fl
                 break
             if cost == NO_INFORMATION:
                 areas[i] += r * step
+    return areas
+
+
+@kernel
+def unknown_by_rays(costs: ByteArray, cells: IntArray, max_range: float) -> FloatArray:
+    """:func:`unknown_by_ray` of several cells (N, 2), shape (N, 72)."""
+    areas = np.empty((len(cells), 72))
+    for i in range(len(cells)):
+        areas[i] = unknown_by_ray(costs, cells[i, 0], cells[i, 1], max_range)
     return areas

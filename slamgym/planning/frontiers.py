@@ -2,8 +2,9 @@
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from slamgym.core.jit import kernel
 from slamgym.core.types import (
     BoolArray,
     ByteArray,
+    Float32Array,
     FloatArray,
     GridFrame,
     Int32Array,
@@ -19,7 +21,7 @@ from slamgym.core.types import (
     Pose2D,
 )
 from slamgym.planning.costmap import INSCRIBED_COST, LETHAL_COST, NO_INFORMATION, Costmap
-from slamgym.planning.frontier_feature_kernels import unknown_by_ray
+from slamgym.planning.frontier_feature_kernels import unknown_by_ray, unknown_by_rays
 
 _BODY_SIDE = 0.3
 """Free cells this near to a place of the robot's centre count as reachable, too [m]: the strips along walls, where no
@@ -139,8 +141,7 @@ def frontier_runs(costmap: Costmap, space: Reachable, min_size: float) -> list[I
 
 def fits_through(costmap: Costmap, frontier: Frontier, radius: float) -> bool:
     """True if a robot of a radius [m] fits through a frontier of a costmap: one as wide as it, away from walls."""
-    rows, cols = frontier.cells.T
-    farthest = costmap.distance[rows, cols].max()
+    farthest: Any = np.float32(_farthest_from_walls(costmap.distance, frontier.cells))
     room = min(0.5 * frontier.size, farthest)
     return bool(room * costmap.frame.resolution >= radius)
 
@@ -151,22 +152,18 @@ def describe_frontier(cells: Int32Array, frame: GridFrame, pose: Pose2D) -> Fron
     up = pose.y - frame.origin_y
     row = frame.height_px - 0.5 - up / frame.resolution
     col = right / frame.resolution - 0.5
-    centroid = cells.mean(axis=0)
-    from_robot = ((cells - (row, col)) ** 2).sum(axis=1)
-    from_centroid = ((cells - centroid) ** 2).sum(axis=1)
-    nearest = int(np.argmin(from_robot))
-    middle = int(np.argmin(from_centroid))
+    centroid, nearest, middle, squared = _find_centres(cells, row, col)
     return Frontier(
         size=len(cells),
-        min_distance=math.sqrt(from_robot[nearest]) * frame.resolution,
-        centroid=_centre(frame, centroid),
+        min_distance=math.sqrt(squared) * frame.resolution,
+        centroid=frame.to_point(*centroid),
         nearest=_centre(frame, cells[nearest]),
         middle=_centre(frame, cells[middle]),
         cells=cells,
     )
 
 
-def _centre(frame: GridFrame, cell: FloatArray | Int32Array) -> Point:
+def _centre(frame: GridFrame, cell: Int32Array) -> Point:
     """The point of a cell (row, col) [m]."""
     row, col = cell.tolist()
     x, y = frame.to_point(row, col)
@@ -183,11 +180,15 @@ def expected_gain(costmap: Costmap, point: Point, range_max: float) -> float:
         point: Where the scanner would be [m].
         range_max: Its range [m].
     """
+    return float(expected_gains(costmap, [point], range_max)[0])
+
+
+def expected_gains(costmap: Costmap, points: Sequence[Point], range_max: float) -> FloatArray:
+    """:func:`expected_gain` of several points, shape (N,) [m2]."""
     frame = costmap.frame
-    row, col = frame.to_cell(*point)
-    range_px = range_max / frame.resolution
-    seen = unknown_by_ray(costmap.costs, int(row), int(col), range_px)
-    return float(seen.sum()) * frame.resolution**2
+    cells = np.array([frame.to_cell(*point) for point in points]).reshape(-1, 2)
+    seen = unknown_by_rays(costmap.costs, cells, range_max / frame.resolution)
+    return seen.sum(axis=1) * frame.resolution**2
 
 
 def view_gain(costmap: Costmap, point: Point, max_range: float, geometry: LaserGeometry) -> float:
@@ -214,6 +215,44 @@ def view_gain(costmap: Costmap, point: Point, max_range: float, geometry: LaserG
     around = np.concatenate([by_ray, by_ray[: width - 1]])
     sums = np.convolve(around, np.ones(width), mode="valid")
     return float(sums.max()) * size**2
+
+
+@kernel
+def _find_centres(
+    cells: Int32Array, row: float, col: float
+) -> tuple[tuple[float, float], int, int, float]:
+    """Mean of some cells (N, 2), which is nearest to a place and which to the mean, and how near squared [cells^2]."""
+    count = len(cells)
+    rows = 0.0
+    cols = 0.0
+    nearest = 0
+    near = np.inf
+    for i in range(count):
+        rows += cells[i, 0]
+        cols += cells[i, 1]
+        squared = (cells[i, 0] - row) ** 2 + (cells[i, 1] - col) ** 2
+        if squared < near:
+            near = squared
+            nearest = i
+    rows /= count
+    cols /= count
+    middle = 0
+    least = np.inf
+    for i in range(count):
+        squared = (cells[i, 0] - rows) ** 2 + (cells[i, 1] - cols) ** 2
+        if squared < least:
+            least = squared
+            middle = i
+    return (rows, cols), nearest, middle, near
+
+
+@kernel
+def _farthest_from_walls(distance: Float32Array, cells: Int32Array) -> float:
+    """The largest distance of some cells (N, 2) from an obstacle, of a costmap's (H, W) [cells]."""
+    farthest = np.float32(0.0)
+    for i in range(len(cells)):
+        farthest = max(farthest, distance[cells[i, 0], cells[i, 1]])
+    return float(farthest)
 
 
 @kernel
@@ -278,6 +317,15 @@ def nearest_open_cell(
         ring += 1
         if ring * ring > best:
             break  # all farther rings are farther in a straight line too
+    return found
+
+
+@kernel
+def nearest_open_cells(costs: ByteArray, rows: IntArray, cols: IntArray, limit: int) -> IntArray:
+    """:func:`nearest_open_cell` of cells, however far, shape (N,)."""
+    found = np.empty(len(rows), np.int64)
+    for i in range(len(rows)):
+        found[i] = nearest_open_cell(costs, rows[i], cols[i], limit, ANY, costs.size)
     return found
 
 

@@ -6,8 +6,15 @@ import numpy as np
 
 from slamgym.core.types import Float32Array, FloatArray, IntArray, Pose2D
 from slamgym.planning.costmap import INSCRIBED_COST, LETHAL_COST, Costmap, cells_inside
-from slamgym.planning.frontiers import ANY, Point, Reachable, nearest_open_cell, reachable_space
-from slamgym.planning.grid_path_kernels import search_path, shortcut, trace_path
+from slamgym.planning.frontiers import (
+    ANY,
+    Point,
+    Reachable,
+    nearest_open_cell,
+    nearest_open_cells,
+    reachable_space,
+)
+from slamgym.planning.grid_path_kernels import search_lengths, search_path, shortcut, trace_path
 
 COST_FACTOR = 0.8 / 50.0
 """Weight of a cell's cost relative to its length: navfn's COST_FACTOR 0.8 over COST_NEUTRAL 50."""
@@ -158,6 +165,25 @@ class CoarsePaths:
         place = nearest_open_cell(self._crossable, coarse_row, coarse_col, 1, ANY, farthest)
         return int(place)
 
+    def places(self, points: FloatArray) -> IntArray:
+        """:meth:`place` of points (N, 2) [m], shape (N,)."""
+        rows, cols = self._frame.to_cell(*points.T)
+        return nearest_open_cells(self._crossable, rows // SHRINK, cols // SHRINK, 1)
+
+    def measure(
+        self, lengths: FloatArray, cells: IntArray, anew: IntArray, first: Float32Array
+    ) -> None:
+        """Measure the paths from some of N places anew, and shorten those between others that lead by way of them.
+
+        Args:
+            lengths: Between all, shape (N, N) [m]; written to.
+            cells: Flat indices of coarse cells, from :meth:`places`, shape (N,).
+            anew: From which the paths are searched, in this order, shape (M,).
+            first: What :meth:`lengths_from` says of the first place, shape (N,) [m].
+        """
+        size = np.float32(self.cell)
+        search_lengths(self._costs, cells, anew, INSCRIBED_COST, size, first, lengths)
+
     def lengths_from(self, place: int, wanted: IntArray) -> Float32Array:
         """Length of the shortest path from an open cell to others, inf where none leads.
 
@@ -227,18 +253,12 @@ class PathLengths:
         num_new = len(points)
         padded = np.pad(self._lengths, (0, num_new), constant_values=math.inf)
         lengths = padded[np.ix_(same, same)]
-        coarse_cells = [paths.place((x, y)) for x, y in points.tolist()]
-        cells = np.array(coarse_cells)
+        cells = paths.places(points)
         from_robot = paths.lengths_from(int(cells[0]), cells)
         nearest_first = np.argsort(from_robot, kind="stable")
         new = np.flatnonzero(same >= num_old)
-        for i in np.union1d(nearest_first[: 1 + NEAR_PLACES], new):
-            own = paths.lengths_from(int(cells[i]), cells) if i else from_robot
-            lengths[i] = own
-            lengths[:, i] = own
-            from_i = lengths[i]
-            by_way_of_i = from_i + from_i[:, None]
-            lengths = np.minimum(lengths, by_way_of_i)
+        anew = np.union1d(nearest_first[: 1 + NEAR_PLACES], new)
+        paths.measure(lengths, cells, anew, from_robot)
         self._places = known[same[1:]]
         self._lengths = lengths[1:, 1:]
         lengths[0, 1:] += per_turn * straight_turns(pose, places)

@@ -1,12 +1,11 @@
 """What became of the beams that scans sent towards frontiers: lost, passed beyond, or met something there."""
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
 from slamgym.core.jit import kernel
-from slamgym.core.types import Float32Array, FloatArray, Pose2D
+from slamgym.core.types import Float32Array, FloatArray, IntArray, Pose2D
 from slamgym.planning.context import ExplorerContext
 
 _MOVED = 0.2
@@ -35,42 +34,64 @@ class ViewHistory:
         self._laser = np.array(
             [*laser.mount, laser.angle_min, laser.angle_increment, laser.range_max]
         )
-        self._poses: list[Pose2D] = []
-        self._scans: list[Float32Array] = []
+        self._last: Pose2D | None = None
+        self._poses = np.zeros((0, 3))
+        self._scans = np.zeros((0, laser.num_beams), np.float32)
+        self._new: list[tuple[Pose2D, Float32Array]] = []  # not among these yet
 
     def note(self, pose: Pose2D, scan: Float32Array) -> bool:
         """Keep a scan, unless it was taken where the last one was; returns whether it is kept."""
-        if self._poses:
-            last = self._poses[-1]
+        last = self._last
+        if last is not None:
             moved = math.dist(pose[:2], last[:2])
             turned = math.remainder(pose.theta - last.theta, 2.0 * math.pi)
             if moved < _MOVED and abs(turned) < _TURNED:
                 return False
-        self._poses.append(pose)
-        self._scans.append(np.array(scan, np.float32))
+        self._last = pose
+        self._new.append((pose, np.array(scan, np.float32)))
         return True
 
-    def figures(self, frontiers: Sequence[FloatArray], outward: FloatArray) -> FloatArray:
+    def figures(self, points: FloatArray, starts: IntArray, outward: FloatArray) -> FloatArray:
         """What became of the beams towards frontiers.
 
         Args:
-            frontiers: Points of each, shapes (M, 2) [m].
+            points: Of all, one frontier after the other, shape (M, 2) [m].
+            starts: Where each begins, with the end appended, shape (N + 1,).
             outward: Direction from the known to the unknown at each, shape (N, 2).
 
         Returns:
             Shape (N, 10): looks, the nearest, those lost without return, the nearest of them, those near by, those that
             passed beyond, how far, those that met something there, the nearest, and how squarely one was lost.
         """
-        poses = np.array(self._poses)
-        scans = np.array(self._scans)
-        figures = []
-        for points, towards in zip(frontiers, outward, strict=True):
-            last = len(points) - 1
-            count = min(_POINTS, len(points))
-            chosen = np.linspace(0, last, count).astype(int)
-            tally = _tally(poses, scans, points[chosen], towards, self._laser)
-            figures.append(tally)
-        return np.array(figures)
+        if self._new:
+            poses, scans = zip(*self._new, strict=True)
+            self._poses = np.vstack([self._poses, *poses])
+            self._scans = np.vstack([self._scans, *scans])
+            self._new.clear()
+        return _tally_all(self._poses, self._scans, points, starts, outward, self._laser)
+
+
+@kernel
+def _tally_all(
+    poses: FloatArray,
+    scans: Float32Array,
+    points: FloatArray,
+    starts: IntArray,
+    outward: FloatArray,
+    laser: FloatArray,
+) -> FloatArray:
+    """:func:`_tally` of some points of each frontier, shape (N, 10)."""
+    tallies = np.empty((len(outward), 10))
+    for i in range(len(outward)):
+        first = starts[i]
+        last = starts[i + 1] - first - 1
+        count = min(_POINTS, last + 1)
+        chosen = np.empty((count, 2))
+        for k in range(count):
+            place = last if k == count - 1 else int(k * (last / (count - 1)))
+            chosen[k] = points[first + place]
+        tallies[i] = _tally(poses, scans, chosen, outward[i], laser)
+    return tallies
 
 
 @kernel

@@ -123,8 +123,8 @@ def test_beams_are_counted_by_what_became_of_them(env, read, expected):
     beams = env.explorer_context().geometry.num_beams
     views.note(Pose2D(0.0, 0.0, 0.5 * math.pi), np.full(beams, read, np.float32))
     views.note(Pose2D(0.01, 0.0, 0.5 * math.pi), np.full(beams, read, np.float32))  # the same place
-    behind = np.array([[0.0, -1.0]])  # out of the scanner's field
-    found = views.figures([np.array([[0.0, 1.0]]), behind], np.array([[0.0, 1.0], [0.0, -1.0]]))
+    points = np.array([[0.0, 1.0], [0.0, -1.0]])  # the other is out of the scanner's field
+    found = views.figures(points, np.array([0, 1, 2]), points)
     names = [name for name in FRONTIER_FIGURES[16:] if name != "unseen_share"]
     for name, scale in {
         "looks": 3.0,

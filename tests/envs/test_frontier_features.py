@@ -1,7 +1,5 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from slamgym.agents.rules import FrontierTour
 from slamgym.envs import ExploreFrontiersEnv
@@ -12,18 +10,8 @@ from slamgym.envs.frontier_table import (
     describe_frontiers,
     expected_unseen_share,
 )
-from slamgym.planning.frontier_feature_kernels import coarse_cells
 from slamgym.planning.grid_path import straight_turns
 from slamgym.planning.open_tour import EXACT_PLACES
-
-
-@settings(max_examples=25)
-@given(seed=st.integers(0, 10_000), count=st.integers(0, 40))
-def test_coarse_cells_hold_each_cell_once_and_stay_on_the_map(seed, count):
-    shape = (7, 9)
-    cells = np.random.default_rng(seed).integers(0, (16, 20), (count, 2)).astype(np.int32)
-    expected = np.unique(np.minimum(cells // 2, np.array(shape) - 1), axis=0).reshape(-1, 2)
-    assert (coarse_cells(cells, 2, shape) == expected).all()
 
 
 def column(rows, name):

@@ -3,7 +3,9 @@ import pytest
 
 from slamgym.planning.frontier_feature_kernels import (
     FREE_CLASS,
+    classify_costs,
     explore_unknown_region,
+    explore_unknown_regions,
     unknown_by_ray,
 )
 
@@ -70,3 +72,27 @@ def test_a_flood_counts_cells_by_their_distance_and_each_other_frontier_once():
     assert (region.is_enclosed, region.free, region.occupied, region.frontiers) == (1.0, 20, 0, 1)
     part = explore_unknown_region(classes, labels, 0, cells, (3, 4), 1, 2)
     assert (part.far, part.is_enclosed, part.frontiers) == (60, 0.0, 0)
+
+
+@pytest.mark.parametrize("shape", [(60, 80), (59, 79)])
+def test_regions_behind_several_frontiers_are_those_behind_each_on_a_coarse_map(shape):
+    """Cells that share a coarse one count once; those beyond the coarse map, on its edge."""
+    height, width = shape
+    costs = some_costs(1)[:height, :width]
+    rng = np.random.default_rng(0)
+    runs = [rng.integers(0, shape, (count, 2)).astype(np.int32) for count in (1, 12, 40)]
+    runs[1][0] = height - 1, width - 1
+    starts = np.append(0, np.cumsum([len(cells) for cells in runs]))
+    found = explore_unknown_regions(costs, np.concatenate(runs), starts, 2, (3, 9), 2)
+    cut = costs[: height // 2 * 2, : width // 2 * 2].reshape(height // 2, 2, width // 2, 2)
+    is_occupied = (cut == LETHAL).any(axis=(1, 3))
+    classes = np.where(is_occupied, 2, (cut < LETHAL).any(axis=(1, 3))).astype(np.uint8)
+    np.testing.assert_array_equal(classify_costs(costs, 2), classes)
+    last = np.array(classes.shape) - 1
+    coarse = [np.unique(np.minimum(cells // 2, last), axis=0).astype(np.int64) for cells in runs]
+    labels = np.full(classes.shape, -1, np.int16)
+    for label, cells in enumerate(coarse):
+        labels[tuple(cells.T)] = label
+    for label, cells in enumerate(coarse):
+        one = explore_unknown_region(classes, labels, label, cells, (3, 9), 2, len(runs))
+        assert found[label].tolist() == list(one)
