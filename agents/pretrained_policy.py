@@ -39,7 +39,7 @@ from slamgym.envs.frontier_features import (
 )
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
-from slamgym.planning.promise import SMALLEST_CALIBRATED, Promise
+from slamgym.planning.promise import Promise
 from slamgym.planning.view_history import ViewHistory
 
 FRONTIER_POLICY = Path(__file__).parent / "pretrained" / "frontier_policy.safetensors"
@@ -102,7 +102,7 @@ class LearnedPilot(FrontierPilot):
         self._scorer = scorer
         self._views = ViewHistory(context)
         self._features = FrontierFeatures(config.max_candidates)
-        self._may_stop = config.promise == Promise()
+        self._listens = config.promise == Promise()
 
     def act(self, observation: Observation) -> Twist2D:
         """Velocity for the next control step; see :meth:`Pilot.act`."""
@@ -112,8 +112,7 @@ class LearnedPilot(FrontierPilot):
     def _scores(self, loop: ExplorationLoop) -> Float32Array:
         """Scores of the candidates, shape (N,); all -inf at the end."""
         decision = self._scorer.decide(self._features.observe(loop, self._views))
-        is_enough = loop.known_area >= SMALLEST_CALIBRATED
-        if self._may_stop and is_enough and decision.done > 0.0:
+        if self._listens and loop.may_stop and decision.done > 0.0:
             return np.full(len(loop.candidates), -np.inf, np.float32)
         return decision.scores
 

@@ -19,7 +19,6 @@ from slamgym.envs.path_drive import STRIDE, stride
 from slamgym.envs.plan_cache import PlanCache, PlansArgument
 from slamgym.envs.rewards import FRONTIER_REWARD, RewardTerms
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
-from slamgym.planning.promise import SMALLEST_CALIBRATED
 from slamgym.planning.view_history import ViewHistory
 
 DRIVES = ("physics", "path")
@@ -42,10 +41,11 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
 
     ## Action Space
 
-    ``Discrete(K)``, K = 32 by default: the frontier of that row. With a promise (``loop={"promise": {}}`` for
-    98%:95%) ``Discrete(K + 1)``: the last action says *done*, which ends the exploration, whatever is left; whoever
-    never chooses a frontier has passed it over. The observation's ``"mask"`` says which rows hold a frontier,
-    :meth:`action_masks` which actions there are; any other chooses the nearest frontier.
+    ``Discrete(K)``, K = 32 by default: the frontier of that row. ``passes_over=True`` adds K: the frontier of that row
+    is passed over, which takes no time, and isn't offered again until the map has changed around it. With a promise
+    (``loop={"promise": {}}`` for 98%:95%) there is one action more: the last says *done*, which ends the exploration,
+    whatever is left. The observation's ``"mask"`` says which rows hold a frontier, :meth:`action_masks` which actions
+    there are; any other chooses the nearest frontier.
 
     ## Observation Space
 
@@ -85,6 +85,7 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         config: As in ExploreEnv.
         loop: How frontiers are offered and driven to, or a mapping of the fields that differ.
         discount: Per second.
+        passes_over: True to offer passing frontiers over as actions.
         drive: ``"physics"``, or ``"path"`` for training at known poses: the robot is put a second farther along its
             path and scans there (:mod:`slamgym.envs.path_drive`), without contacts, three times as fast.
         render_mode: As in ExploreEnv.
@@ -108,6 +109,7 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         *,
         loop: ExplorationLoopConfig | Mapping[str, Any] | None = None,
         discount: float = 1.0,
+        passes_over: bool = False,
         drive: Literal["physics", "path"] = "physics",
         render_mode: str | None = None,
         reward_terms: RewardTerms | None = None,
@@ -140,7 +142,7 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         self.render_mode = render_mode
         num_rows = self.loop_config.max_candidates
         self.observation_space = FrontierFeatures(num_rows).space
-        self._num_actions = num_rows + (self.loop_config.promise is not None)
+        self._done = num_rows * (1 + passes_over)  # the action, where there is a promise
         self.action_space = spaces.Discrete(self._num_actions)
         self._context = self.inner.explorer_context()
         self._loop: ExplorationLoop | None = None
@@ -186,18 +188,26 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         return observation, reward, terminated, self._truncated and not terminated, info
 
     def action_masks(self) -> BoolArray:
-        """Mask of the actions there are, shape (K,) or (K + 1,), as ``MaskablePPO`` of sb3-contrib asks for it."""
-        mask = np.arange(self._num_actions) < len(self.loop.candidates)
-        if self.loop_config.promise is not None:
-            mask[-1] = self.loop.known_area >= SMALLEST_CALIBRATED
+        """Mask of the actions there are, shape (actions,), as ``MaskablePPO`` of sb3-contrib asks for it."""
+        actions = np.arange(self._num_actions)
+        mask = actions % self.loop_config.max_candidates < len(self.loop.candidates)
+        mask[self._done :] = self.loop.may_stop
         return mask
 
+    @property
+    def _num_actions(self) -> int:
+        return self._done + (self.loop_config.promise is not None)
+
     def _choose(self, row: int) -> bool:
-        """Choose a frontier, or say *done*; returns whether the next decision is due at once."""
+        """Choose a frontier, pass it over or say *done*; returns whether the next decision is due at once."""
         loop = self.loop
-        if row == self.loop_config.max_candidates and self.action_masks()[-1]:
+        if row == self._done and loop.may_stop:
             loop.finish()
             return False
+        passed_over = row - self.loop_config.max_candidates
+        if row < self._done and 0 <= passed_over < len(self.order):
+            loop.pass_over(self.order[passed_over])
+            return bool(loop.candidates)
         index = self.order[row] if row < len(self.order) else 0
         return not loop.choose(index) and bool(loop.candidates)
 
@@ -217,7 +227,9 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         except (TypeError, ValueError):
             index = -1
         if not 0 <= index < rows:
-            raise ActionError(action, f"the row of a frontier, a whole number from 0 to {rows - 1}")
+            raise ActionError(
+                action, f"a whole number from 0 to {rows - 1}, as the action space has it"
+            )
         return index
 
     def render(self) -> Any:

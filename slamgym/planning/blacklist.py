@@ -1,15 +1,22 @@
-"""Frontiers that an exploration has given up: reached in vain, or not reached."""
+"""Frontiers that an exploration has given up, reached in vain or not reached, and those that it has passed over."""
 
+import math
 from collections.abc import Sequence
 
-from slamgym.planning.costmap import Costmap
+import numpy as np
+
+from slamgym.planning.costmap import NO_INFORMATION, Costmap
+from slamgym.planning.exploration_progress import LEAST_GROWTH
 from slamgym.planning.frontier_candidates import FrontierCandidate
-from slamgym.planning.frontiers import Point
+from slamgym.planning.frontiers import Frontier, Point
 
 SAME_CENTROID = 0.25
 """A frontier is blacklisted if both coordinates of its centroid are this near to an entry [m]: 5 cells, as in Explore
 Lite. A pose that moves so much farther than the robot drives was corrected, and the map with it: the blacklist, and all
 else that was noted by its place, is somewhere else now."""
+
+_AROUND = 1.0
+"""What lies this near to a frontier's middle, by either coordinate, is around it [m]: doors are as wide."""
 
 
 class Blacklist:
@@ -51,3 +58,34 @@ class Blacklist:
     def _is_same(self, candidate: FrontierCandidate, centroid: Point) -> bool:
         x, y = candidate.frontier.centroid
         return abs(centroid[0] - x) < self._within and abs(centroid[1] - y) < self._within
+
+
+class PassedOver:
+    """Frontiers that were passed over, and what was known around them then."""
+
+    def __init__(self) -> None:
+        self._entries: list[tuple[Point, Point, float]] = []  # centroid, middle, known area [m2]
+
+    def add(self, frontier: Frontier, costmap: Costmap) -> None:
+        """Pass a frontier over."""
+        middle = frontier.middle
+        self._entries.append((frontier.centroid, middle, _known_around(costmap, middle)))
+
+    def holds(self, frontier: Frontier, costmap: Costmap) -> bool:
+        """True if a frontier was passed over, and the map hasn't changed around it."""
+        return any(
+            math.dist(centroid, frontier.centroid) < SAME_CENTROID
+            and abs(_known_around(costmap, middle) - known) < LEAST_GROWTH
+            for centroid, middle, known in self._entries
+        )
+
+
+def _known_around(costmap: Costmap, middle: Point) -> float:
+    """Known area around a place [m2]."""
+    frame = costmap.frame
+    row, col = frame.to_cell(*middle)
+    reach = round(_AROUND / frame.resolution)
+    rows = slice(max(0, row - reach), row + reach + 1)
+    cols = slice(max(0, col - reach), col + reach + 1)
+    known = np.count_nonzero(costmap.costs[rows, cols] != NO_INFORMATION)
+    return float(known) * frame.resolution**2

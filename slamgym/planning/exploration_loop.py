@@ -13,7 +13,7 @@ import numpy as np
 
 from slamgym.core.config import Count, Positive, Settings, Within
 from slamgym.core.types import ByteArray, FloatArray, Observation, OccupancyGrid, Pose2D, Twist2D
-from slamgym.planning.blacklist import SAME_CENTROID, Blacklist
+from slamgym.planning.blacklist import SAME_CENTROID, Blacklist, PassedOver
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.costmap import NO_INFORMATION, Costmap
 from slamgym.planning.exploration_progress import LastChoice, MapGrowth, TargetProgress, Trail
@@ -29,7 +29,7 @@ from slamgym.planning.frontiers import Frontier, Reachable, fits_through
 from slamgym.planning.loop_belief import LoopBelief
 from slamgym.planning.loop_state import LoopEvent, LoopState, next_state
 from slamgym.planning.navigator import STOP, GoalStatus, Navigator, NavigatorConfig
-from slamgym.planning.promise import Promise, is_kept
+from slamgym.planning.promise import SMALLEST_CALIBRATED, Promise, is_kept
 from slamgym.planning.recovery import RELAXED_FOOTPRINTS, RecoveryBehaviours
 
 _STALL_TIME = 40.0
@@ -98,6 +98,7 @@ class ExplorationLoop:
         self._choice = choice
         self._progress = TargetProgress()
         self._blacklist = Blacklist(0.5 * self.context.frame.resolution)
+        self._passed_over = PassedOver()
         self._recovery.start(self.navigator)
 
     def _enter(self, event: LoopEvent) -> None:
@@ -128,6 +129,11 @@ class ExplorationLoop:
     def known_area(self) -> float:
         """Area of the map's known cells [m2]."""
         return self._growth.known_area
+
+    @property
+    def may_stop(self) -> bool:
+        """True if there is a promise, and the map is large enough that one may be kept."""
+        return self.config.promise is not None and self.known_area >= SMALLEST_CALIBRATED
 
     @property
     def reached(self) -> int:
@@ -184,6 +190,24 @@ class ExplorationLoop:
         self._choice.made_at = self.time
         self._enter(LoopEvent.CHOSEN)
         return True
+
+    def pass_over(self, index: int) -> None:
+        """Leave a candidate out: it isn't offered again until the map has changed around it.
+
+        A promise still counts it as a way on. Where it was the last one, the robot drives on to no frontier.
+
+        Raises:
+            IndexError: If there is no such candidate.
+        """
+        candidate = self.candidates.pop(index)
+        costmap = self.navigator.costmap
+        assert costmap is not None, "there is a candidate, so there was a map"
+        self._passed_over.add(candidate.frontier, costmap)
+        if not self.candidates or candidate.is_same_place(self.target):
+            self.target = None
+            self.navigator.cancel()
+        if not self.candidates:
+            self._enter(LoopEvent.GOAL_ENDED)
 
     def command(self) -> Twist2D:
         """Velocity for the next control step."""
@@ -356,6 +380,7 @@ class ExplorationLoop:
         # The next round offers again what was given up in the first.
         wanted = ahead if self.round else found
         self.wanted = [one.frontier for one in wanted]
+        ahead = [one for one in ahead if not self._passed_over.holds(one.frontier, costmap)]
         if self.known_area > LARGEST_HOME:
             ahead = walls_first(ahead)
         self.num_frontiers = len(ahead)

@@ -127,6 +127,76 @@ def test_done_ends_the_episode_and_is_charged_for_what_is_missing(two_room_plan)
     assert reward == pytest.approx(sum(info["reward_terms"].values()))
 
 
+def passing_over(plan, **loop):
+    return ExploreFrontiersEnv(plan, passes_over=True, loop=loop, **SMALL)
+
+
+def offered(env):
+    return [one.frontier.centroid for one in env.loop.candidates]
+
+
+def test_what_is_passed_over_takes_no_time_and_is_not_offered_again_before_the_map_has_changed_there(
+    two_room_plan,
+):
+    env = passing_over(two_room_plan)
+    observation, info = env.reset(seed=1)
+    k = env.loop_config.max_candidates
+    while len(env.loop.candidates) < 2:
+        observation, *_ = env.step(nearest(observation, env))
+    before = offered(env)
+    row = nearest(observation, env)
+    passed = env.loop.candidates[env.order[row]].frontier
+    observation, reward, _, _, info = env.step(k + row)
+    assert (reward, info["duration"]) == (0.0, 0.0)
+    assert offered(env) == [one for one in before if one != passed.centroid]
+    over = env.loop.finished
+    known = known_near(env, passed.middle)
+    while not over and abs(known_near(env, passed.middle) - known) < 0.5:
+        assert all(np.hypot(*np.subtract(passed.centroid, one)) > 0.25 for one in offered(env))
+        observation, _, over, _, info = env.step(nearest(observation, env))
+
+
+def known_near(env, middle):
+    """Known area within a metre of a place by both coordinates [m2]."""
+    costmap = env.loop.navigator.costmap
+    rows, cols = np.nonzero(costmap.costs != 255)
+    apart = np.abs(costmap.frame.to_points(rows, cols) - middle).max(axis=1)
+    return np.count_nonzero(apart <= 1.0 + 0.01) * costmap.frame.resolution**2
+
+
+def test_who_passes_everything_over_ends_soon_with_the_promise_unkept(two_room_plan):
+    """What is passed over stays a way on: the promise can't be kept by looking away."""
+    env = passing_over(two_room_plan, promise={})
+    k = env.loop_config.max_candidates
+
+    def pass_over(observation, env):
+        mask = env.action_masks()
+        count = int(observation["mask"].sum())
+        assert mask[k : k + count].all()
+        assert not mask[k + count : 2 * k].any()
+        return k if count else 0
+
+    steps, terminated = play(env, pass_over)
+    info = steps[-1][2]
+    assert terminated
+    assert info["coverage"] < 0.9
+    assert info["time"] < 60.0
+    assert env.action_space.n == 2 * k + 1
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_random_actions_of_all_kinds_end_every_exploration(two_room_plan, seed):
+    env = passing_over(two_room_plan, promise={})
+    env.action_space.seed(seed)
+
+    def at_random(_, env):
+        return int(env.action_space.sample(env.action_masks().astype(np.int8)))
+
+    steps, terminated = play(env, at_random, seed)
+    assert terminated
+    assert sum(info["duration"] for _, _, info in steps) > 0.0
+
+
 def test_without_a_promise_there_is_no_done(env):
     env.reset(seed=0)
     assert env.action_space.n == env.loop_config.max_candidates
