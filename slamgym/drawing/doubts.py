@@ -63,7 +63,7 @@ def find_doubts(drawing: Drawing, direction: WallDirection | None) -> Iterator[s
         drawn = sum(question.is_drawn for question in drawing.questions)
         yield (
             f"{counted(len(drawing.questions), 'boundary line')} between rooms may be wrong, {drawn} drawn and "
-            f"{len(drawing.questions) - drawn} left out; the report, NAME.html, asks about each"
+            f"{len(drawing.questions) - drawn} left out; the report (HTML) asks about each"
         )
     length = sum(wall.length for wall in drawing.walls)
     inferred = sum(wall.length for wall in drawing.walls if wall.layer == "INFERRED")

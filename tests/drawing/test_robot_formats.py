@@ -116,19 +116,19 @@ def test_every_way_is_wide_enough_for_the_robot(drawing, files):
     assert shapely.covers(drivable(drawing).buffer(0.01), lines).all()
 
 
-def bodies(path):
-    """The walls of a world: as drawn, and as what robots run into."""
-    world = ET.parse(path).getroot().find("world")
+def bodies(path, model):
+    """The bodies of a world's model: as drawn, and as what robots run into."""
+    (found,) = ET.parse(path).getroot().iterfind(f"world/model[@name='{model}']")
     for kind in ("visual", "collision"):
         yield [
             shapely.Polygon([tuple(map(float, point.text.split())) for point in line.iter("point")])
-            for part in world.iter(kind)
+            for part in found.iter(kind)
             for line in part.iter("polyline")
         ]
 
 
 def test_the_world_of_gazebo_has_the_walls_of_the_drawing_and_its_doors_are_open(drawing, files):
-    seen, touched = bodies(files["flat.sdf"])
+    seen, touched = bodies(files["flat.sdf"], "walls")
     assert all(one.is_valid and one.is_simple for one in seen)
     assert [one.wkt for one in seen] == [one.wkt for one in touched]
     walls = shapely.union_all(seen)
@@ -144,3 +144,19 @@ def test_the_world_of_gazebo_has_the_walls_of_the_drawing_and_its_doors_are_open
     plan = FloorPlan("world", enclosed)
     drawn = plan.free_space
     assert drawn.intersection(drawing.floor).area / drawn.union(drawing.floor).area > 0.99
+
+
+def test_in_the_world_of_gazebo_stands_what_the_map_shows_and_what_hid_the_floor(tmp_path):
+    drawing = drawing_of(FLAT, "flat")
+    table = shapely.box(0.5, 0.5, 2.0, 2.0).difference(shapely.box(1.0, 1.0, 1.2, 1.2))
+    leg, bed = shapely.box(1.0, 4.0, 1.05, 4.05), shapely.box(5.0, 1.0, 6.0, 2.0)
+    # Outlines are remembered by the drawing that they belong to.
+    drawing = dataclasses.replace(drawing, inferred_floor=(table, bed))
+    drawing.__dict__["echoes"] = [leg, *drawing.echoes]
+    (path,) = write_drawing(drawing, tmp_path / "flat", ["sdf"])
+    seen, touched = bodies(path, "things")
+    assert [one.wkt for one in seen] == [one.wkt for one in touched]
+    standing = shapely.union_all(seen)
+    hidden = shapely.union_all([leg, table, bed])
+    assert hidden.difference(standing).area < 1e-3
+    assert standing.difference(hidden.union(drawing.floor.boundary.buffer(0.1))).area < 1e-3

@@ -1,16 +1,17 @@
-"""A drawing as a world of Gazebo (SDF): walls as high as a storey, doors open, a floor."""
+"""A drawing as a world of Gazebo (SDF): walls as high as a storey, doors open, what stands in the rooms, a floor."""
 
 import xml.etree.ElementTree as ET
 
 import shapely
-from shapely import LineString, Polygon
-from shapely.ops import split
+from shapely import Polygon
 
 from slamgym.cad.polygons import polygon_parts
 from slamgym.drawing.drawing import Drawing
 
 HEIGHT = 2.5
 """Of the walls [m]; a map says nothing of it."""
+THING_HEIGHT = 0.5
+"""Of what stands in the rooms [m]: above the scanners of small robots; a map says nothing of it."""
 OUTER_WALL = 0.2
 """Round the floor all is wall so far [m]: the walls between two rooms are whole, those to the outside so thick."""
 SYSTEMS = {
@@ -44,33 +45,54 @@ def format_world(drawing: Drawing) -> str:
         )
         _add(plane, "normal", "0 0 1")
         _add(plane, "size", "100 100")
-    walls = _add_model(world, "walls")
-    for number, body in enumerate(wall_bodies(drawing)):
-        for kind in ("collision", "visual"):
-            part = ET.SubElement(walls, kind, name=f"{kind}_{number}")
-            line = ET.SubElement(ET.SubElement(part, "geometry"), "polyline")
-            for x, y in body.exterior.coords[:-1]:
-                _add(line, "point", f"{x:.4f} {y:.4f}")
-            _add(line, "height", f"{HEIGHT}")
+    _add_bodies(world, "walls", wall_bodies(drawing), HEIGHT)
+    _add_bodies(world, "things", standing_bodies(drawing), THING_HEIGHT)
     ET.indent(sdf)
     return ET.tostring(sdf, encoding="unicode", xml_declaration=True) + "\n"
 
 
 def wall_bodies(drawing: Drawing) -> list[Polygon]:
-    """All that is wall round the floor, in pieces without holes: Gazebo's extrusions have outlines alone."""
+    """All that is wall round the floor, in pieces without holes."""
     around = drawing.floor.buffer(OUTER_WALL, join_style="mitre")
+    return _without_holes(around.difference(drawing.floor))
+
+
+def standing_bodies(drawing: Drawing) -> list[Polygon]:
+    """What stands on the floor by the map: its occupied cells, and floor that something hid from the laser."""
+    smallest = 0.25 * drawing.grid.frame.resolution**2
+    hidden = shapely.union_all([*drawing.echoes, *drawing.inferred_floor])
+    standing = hidden.intersection(drawing.floor)
+    return [body for body in _without_holes(standing) if body.area >= smallest]
+
+
+def _without_holes(shape: shapely.Geometry) -> list[Polygon]:
+    """Pieces without holes: Gazebo's extrusions have outlines alone."""
     bodies = []
-    pending = polygon_parts(around.difference(drawing.floor))
+    pending = polygon_parts(shape)
     while pending:
         body = pending.pop()
         if not body.interiors:
             bodies.append(body)
             continue
-        hole = shapely.Polygon(body.interiors[0]).representative_point()
-        left, _, right, _ = body.bounds
-        cut = LineString([(left - 1.0, hole.y), (right + 1.0, hole.y)])
-        pending += polygon_parts(split(body, cut))
+        hole = Polygon(body.interiors[0]).representative_point()
+        left, low, right, high = body.bounds
+        for half in (shapely.box(left, low, right, hole.y), shapely.box(left, hole.y, right, high)):
+            pending += polygon_parts(body.intersection(half))
     return bodies
+
+
+def _add_bodies(world: ET.Element, name: str, bodies: list[Polygon], height: float) -> None:
+    """A model of upright bodies of a height [m]; none of nothing, which Gazebo refuses."""
+    if not bodies:
+        return
+    link = _add_model(world, name)
+    for number, body in enumerate(bodies):
+        for kind in ("collision", "visual"):
+            part = ET.SubElement(link, kind, name=f"{kind}_{number}")
+            line = ET.SubElement(ET.SubElement(part, "geometry"), "polyline")
+            for x, y in body.exterior.coords[:-1]:
+                _add(line, "point", f"{x:.4f} {y:.4f}")
+            _add(line, "height", f"{height}")
 
 
 def _add_model(world: ET.Element, name: str) -> ET.Element:
