@@ -35,8 +35,6 @@ CHOSEN = 22
 KINDS = ("first", "second", "mirrored", "storey", "furnished", "furnished anew")
 """Drives of a building: two in it, one in its mirror image, one where rooms are the same and doors are others, and two
 with furniture, each time with other pieces. Every fourth building has the last two."""
-WITH_IMAGES = 44
-"""So many of the first buildings have a mirror image and a storey."""
 ALIKE = 0.85
 """A storey covers so much of the other's floor (intersection over union)."""
 STOREYS_TRIED = 50
@@ -94,9 +92,7 @@ def mapped_drives(number: int, cache: Path, kinds: Sequence[str] = KINDS) -> dic
 
 def is_driven(number: int, name: str) -> bool:
     """Whether a building has a drive of this kind."""
-    if "furnished" in name:
-        return number % OFFICE_EVERY == 0
-    return name in KINDS[:2] or number < FIRST + WITH_IMAGES
+    return "furnished" not in name or number % OFFICE_EVERY == 0
 
 
 def make(plan: FloorPlan, seed: int, conditions: Conditions, heading: float, folder: Path) -> None:

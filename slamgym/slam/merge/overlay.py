@@ -1,4 +1,4 @@
-"""How well two floors agree where both were seen: walls that lie on walls, and walls that lie on free floor."""
+"""How well two floors agree where both were seen: walls that lie on walls, and walls that lie in open floor."""
 
 from typing import NamedTuple
 
@@ -15,8 +15,10 @@ from slamgym.slam.merge.floor import Floor, WallPieces, faces_of
 
 FIELD_BORDER = 1.0
 """Width of the strip round a map in which distances to its walls are known [m]."""
-SMEARED = 0.06
-"""Walls that miss each other by so much more than the tolerance say nothing: noisy lasers smear them [m]."""
+OPEN_ROUND = 0.25
+"""Floor that is free so far all round is open [m]: a wall in it is none that noisy lasers smear or bent maps move, and
+a door is wider. In 17 right pairs with 1.6 km of wall one piece is left (ten at 0.15 m, four at 0.2 m), in each of 15
+storeys five or more (at 0.35 m in some none)."""
 STRAY_PIECES = 2.5
 """So few contradicting pieces within 15 cm are stray end points: a laser of 8 m leaves them along its walls."""
 
@@ -25,7 +27,7 @@ class WallAgreement(NamedTuple):
     """What two floors say of each other at a transform: the mean of both directions."""
 
     agreed: float  # wall on wall [m]
-    contradicted: float  # wall on free floor [m]
+    contradicted: float  # wall in open floor [m]
 
 
 class FloorFields:
@@ -51,7 +53,8 @@ class FloorFields:
         submap.add(np.zeros(3), points, sides)
         submap.close()
         self._target = AlignmentTarget([submap], np.zeros((1, 3)))
-        self._is_free: BoolArray = free
+        clearance = distance_transform_edt(free, sampling=self._cell)
+        self._is_open: BoolArray = clearance > OPEN_ROUND - 0.5 * self._cell
 
     def align(self, surfaces: WallPieces, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The pose (3,) near a given one at which some surfaces in its frame lie best on this floor's walls.
@@ -71,15 +74,15 @@ class FloorFields:
         return rows, cols
 
     def compare(self, surfaces: WallPieces, tolerance: float) -> FloatArray:
-        """Metres (2,) of surfaces on this floor's walls to within a tolerance [m], and on its free floor."""
+        """Metres (2,) of surfaces on this floor's walls to within a tolerance [m], and on its open floor."""
         rows, cols = self._cells(surfaces.points)
-        height, width = self._is_free.shape
+        height, width = self._is_open.shape
         is_inside = (rows >= 0) & (cols >= 0) & (rows < height) & (cols < width)
         rows, cols = rows[is_inside], cols[is_inside]
         faces = faces_of(surfaces.sides[is_inside])
         away = self._away[faces, rows, cols]
         is_agreed = away <= tolerance
-        is_false = self._is_free[rows, cols] & (away > tolerance + SMEARED)
+        is_false = self._is_open[rows, cols] & ~is_agreed
         is_false[is_false] = self._are_together(rows[is_false], cols[is_false])
         counts = np.array([np.count_nonzero(is_agreed), np.count_nonzero(is_false)])
         return SUBMAP_CELL * counts
@@ -87,7 +90,7 @@ class FloorFields:
     def _are_together(self, rows: IntArray, cols: IntArray) -> BoolArray:
         """True (n,) for those of some cells that make a piece of wall; others are stray end points."""
         side = SUBMAP_CELL / self._cell
-        height, width = self._is_free.shape
+        height, width = self._is_open.shape
         coarse = (rows / side).astype(np.int64), (cols / side).astype(np.int64)
         counts = np.zeros((int(height / side) + 1, int(width / side) + 1), np.float32)
         np.add.at(counts, coarse, 1.0)

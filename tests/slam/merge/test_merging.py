@@ -18,11 +18,26 @@ from slamgym.slam.merge.merging import Part
 from slamgym.slam.replay import replay
 
 MIRRORED = FLAT * [-1.0, 1.0, -1.0, 1.0]
+# The same rooms with the door at the other end of an inner wall, and a way through it.
+UPSTAIRS = np.array(FLAT)
+UPSTAIRS[8:10] = [(3.0, 0.0, 3.0, 3.6), (3.0, 4.6, 3.0, 5.0)]
+UP = [
+    (7.2, 0.8),
+    (3.8, 0.8),
+    (4.7, 2.4),
+    (4.7, 3.8),
+    (6.8, 3.6),
+    (4.7, 3.6),
+    (3.5, 4.1),
+    (2.3, 4.1),
+    (2.3, 1.5),
+]
 DRIVES = {
     "here": (FLAT, HERE),
     "there": (FLAT, THERE),
     "other": (OTHER, ROUND),
     "mirrored": (MIRRORED, (np.array(THERE) * [-1.0, 1.0]).tolist()),
+    "upstairs": (UPSTAIRS, UP),
     "a corner": (FLAT, [(1, 1), (1.2, 1.2)]),
 }
 
@@ -71,7 +86,7 @@ def test_the_transform_between_two_drives_is_recovered_and_one_graph_made(first,
     assert np.linalg.eigvalsh(merged.placed[1].covariance).min() > 0.0
 
 
-@pytest.mark.parametrize("second", ["other", "mirrored", "a corner"])
+@pytest.mark.parametrize("second", ["other", "mirrored", "upstairs", "a corner"])
 def test_what_does_not_belong_together_or_shows_too_little_is_refused(second):
     refusal = merge_parts([part("here"), part(second)])
     assert isinstance(refusal, Refusal)
