@@ -14,6 +14,7 @@ from slamgym.cad import FloorPlan, check_plan, open_plans
 from slamgym.cad.plan_filter import AREA, LONG_SIDE, passes
 from slamgym.cad.plan_index import PlanSource
 from slamgym.core.errors import ConfigError, PlanError
+from slamgym.core.progress import Advance
 from slamgym.sim import RobotConfig
 
 PlanSplit = Literal["train", "validation", "test"]
@@ -46,7 +47,12 @@ def longest_side(largest_area: float) -> float:
 
 
 def draw_plans(
-    specs: Sequence[str], split: PlanSplit, count: int, seed: int = 0, largest_area: float = AREA[1]
+    specs: Sequence[str],
+    split: PlanSplit,
+    count: int,
+    seed: int = 0,
+    largest_area: float = AREA[1],
+    advance: Advance = lambda: None,
 ) -> list[FloorPlan]:
     """Draw plans that are worth exploring from a split of some sources, as many from each.
 
@@ -59,6 +65,7 @@ def draw_plans(
         count: How many in all; fewer if the sources have no more.
         seed: Of the draw.
         largest_area: Of a generated plan [m2].
+        advance: Is called after each plan: a thousand generated ones take a minute.
 
     Raises:
         ConfigError: If none is left.
@@ -74,6 +81,7 @@ def draw_plans(
             plan = _load(source, ids[int(index)], largest_area)
             if plan is not None:
                 plans[plan.id] = plan
+                advance()
     if not plans:
         raise ConfigError(
             f"{', '.join(specs)}: no plan of the split {split!r} is worth exploring; give more"

@@ -121,7 +121,10 @@ def learn_policy(learner: PolicyLearner[Any], out: Path) -> OnPolicyAlgorithm:
     _refuse_other_run(config, out)
     if (out / "checkpoint.pt").is_file():
         raise ConfigError(f"{out} holds a run of an older version; train in another folder")
-    plans = draw_plans(config.plans, "train", config.plan_count, config.seed, config.largest_area)
+    with show_progress("floor plans", 0, config.plan_count) as advance:
+        plans = draw_plans(
+            config.plans, "train", config.plan_count, config.seed, config.largest_area, advance
+        )
     settings = {"version": __version__, **to_dict(config)}
     write_text(out / CONFIG, json.dumps(settings, indent=2) + "\n")
     area = sum(plan.area for plan in plans) / len(plans)
