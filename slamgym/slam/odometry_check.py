@@ -51,7 +51,7 @@ WHEEL_ERROR = 0.025
 """Standard deviation of what wheels measure of no motion [m or rad]."""
 WHEEL_ERROR_SHARE = 0.17
 """Standard deviation of what wheels measure as a share of it."""
-MATCH_ERRORS = 10.0
+MATCH_ERRORS = 7.0
 """Factor by which the standard deviations of matches are underestimated."""
 CONTRADICTION = 3.0
 """A pair that deviates by more than this contradicts the odometry, by less than half of it agrees [deviations]: no

@@ -20,7 +20,10 @@ ALIGNED_COSINE = 0.7
 """Least cosine between a point's surface and the line that it is matched with."""
 SURFACE_SIGMA = 0.0105
 """Standard deviation of a point across a line [m]. Wider ones, or such as grow with the range as the data sheet of a
-cheap laser says, are worse by a third on simulated homes: what errs more is left to the weights."""
+cheap laser says, are worse by a third on simulated homes: what errs more is left to the weights, and to the variance of
+the line's own points, which is added. Without that the walls of a cluttered lab turn by 14 degrees, with it by 8, and
+twenty homes with a sweep have 0.049 and 0.042 m, FHW 0.160 and 0.150, Freiburg 079 0.0499 and 0.0508. Chosen on that
+lab alone."""
 ALIGN_WIDTH = 3.0
 """Residual at which a point's weight has fallen to a quarter, at the last steps [standard deviations]."""
 FIRST_WIDTH = 10.0
@@ -99,6 +102,12 @@ def _nearest_line(
 
 
 @kernel
+def _weight(squared: float, width: float) -> float:
+    """Weight of a squared residual (Geman-McClure), both it and the width in standard deviations."""
+    return width * width / (width * width + squared)
+
+
+@kernel
 def bind_scan(
     submaps: tuple[tuple[np.ndarray, ...], ...],
     corners: FloatArray,
@@ -164,7 +173,7 @@ def bind_scan(
             p = pieces[number]
             error = p.normal_x * (x - p.mean_x) + p.normal_y * (y - p.mean_y)
             variance = SURFACE_SIGMA * SURFACE_SIGMA + p.variance
-            weight = width * width / (width * width + error * error / variance)
+            weight = _weight(error * error / variance, width)
             row[0] = cos * p.normal_x - sin * p.normal_y
             row[1] = sin * p.normal_x + cos * p.normal_y
             row[2] = p.normal_y * arm_x - p.normal_x * arm_y
@@ -174,7 +183,9 @@ def bind_scan(
                 for b in range(4):
                     sums[k, a, b] += known * row[a] * row[b]
             hits[k] += 1
-            fits[i] = max(fits[i], weight)
+            # Whether a point fits is told by the laser's error alone: a heap of clutter would fit anything.
+            fit = _weight(error * error / (SURFACE_SIGMA * SURFACE_SIGMA), width)
+            fits[i] = max(fits[i], fit)
 
 
 @kernel

@@ -40,8 +40,8 @@ LINE = 1.0
 POINT_SUMS = ("count", "x", "y", "xx", "xy", "yy", "side_x", "side_y")
 """Sums over a piece's points, in the submap's frame, and over their sides."""
 LINE_FIELDS = ("own_x", "own_y", "mean_x", "mean_y", "normal_x", "normal_y", "variance", "state")
-"""The piece's own mean, the mean of the line through it and its surroundings, the line's normal, the mean's variance
-across it, and what is known of the line."""
+"""The piece's own mean, the mean of the line through it and its surroundings, the line's normal, the variance of its
+points across it, and what is known of the line."""
 PIECE = np.dtype([(name, np.float64) for name in (*POINT_SUMS, *LINE_FIELDS)])
 """A piece of surface."""
 
@@ -248,7 +248,7 @@ def _fit_line(grid: np.ndarray, pieces: np.ndarray, number: int, row: int, col: 
             own.mean_y = mean_y
             own.normal_x = -math.sin(along)
             own.normal_y = math.cos(along)
-            own.variance = narrow / n
+            own.variance = narrow * n / (n - 2.0)
             own.state = LINE
             return
 

@@ -23,7 +23,7 @@ def main(argv):
 WAY = [(1, 1), (2.2, 2.3), (3.8, 2.3), (4.7, 2.4), (4.7, 3.6), (7, 3.8)]
 
 
-def half_known(limit=4.5):
+def half_known(limit=5.0):
     """A map of which the right part was never seen."""
     grid = draw(FLAT, (1, 1))
     cells = grid.cells.copy()
