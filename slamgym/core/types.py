@@ -192,6 +192,11 @@ class OccupancyGrid:
                 f"cells have shape {self.cells.shape} but the frame says {self.frame.shape}"
             )
 
+    @property
+    def known_area(self) -> float:
+        """Area of the cells that are not unknown [m2]."""
+        return float(np.count_nonzero(self.cells != UNKNOWN)) * self.frame.resolution**2
+
 
 Observation = dict[str, Any]
 """Contents of an observation of an environment: arrays by the names of its observation space."""

@@ -106,10 +106,9 @@ class CompletionDetector:
         space = reachable_space(costmap, pose)
         if space is None:
             return False
-        known_area = len(space.order) * grid.frame.resolution**2
         frontiers = find_frontiers(costmap, pose, self._min_size, reachable=space)
         ways_on = [one for one in frontiers if fits_through(costmap, one, self._radius)]
-        return is_kept(promise, ways_on, known_area)
+        return is_kept(promise, ways_on, grid.known_area)
 
     def _is_still_there(self, grid: OccupancyGrid) -> bool:
         """True if enough of the remembered frontier is still unknown next to free space."""

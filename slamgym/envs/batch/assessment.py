@@ -83,8 +83,7 @@ class MapFigures:
         return ObstacleDistance(np.vstack([walls, furniture]))
 
     def _known_area(self, grid: OccupancyGrid) -> float:
-        known = np.count_nonzero(grid.cells != UNKNOWN)
-        return float(known * grid.frame.resolution**2)
+        return grid.known_area
 
     def _entropy(self, grid: OccupancyGrid) -> float:
         """Unknown cells in the building's bounding box."""

@@ -7,7 +7,7 @@ from gymnasium.utils import seeding
 
 from slamgym.cad import FloorPlan
 from slamgym.core.errors import ConfigError
-from slamgym.core.types import UNKNOWN, Explorer, OccupancyGrid, Pose2D, Trajectory
+from slamgym.core.types import Explorer, OccupancyGrid, Pose2D, Trajectory
 from slamgym.envs.episode import Episode, EpisodeConfig, MakeExplorer, fitted_env, time_limit
 from slamgym.envs.explore_env import explorer_context
 from slamgym.envs.plan_cache import ResetOptions
@@ -54,7 +54,7 @@ def team_steps(
             observation = team.observe(index)
             wakes = False
             if explorer.finished:
-                known = known_area(team.maps.shared[index].occupancy_grid())
+                known = team.maps.shared[index].occupancy_grid().known_area
                 if not was_done[index]:
                     most_known[index] = max(most_known[index], known)
                 wakes = known > most_known[index] + WAKING_AREA
@@ -107,11 +107,6 @@ def run_team_episode(
         coverage=team.coverage,
         collisions=sum(robot.collisions for robot in team.robots),
     )
-
-
-def known_area(grid: OccupancyGrid) -> float:
-    """Area of a map's known cells [m2]."""
-    return float(np.count_nonzero(grid.cells != UNKNOWN)) * grid.frame.resolution**2
 
 
 def merged_map(team: TeamExploration) -> OccupancyGrid:
