@@ -64,26 +64,25 @@ class PassedOver:
     """Frontiers that were passed over, and what was known around them then."""
 
     def __init__(self) -> None:
-        self._entries: list[tuple[Point, Point, float]] = []  # centroid, middle, known area [m2]
+        self._entries: list[tuple[Frontier, float]] = []  # and the known area [m2]
 
     def add(self, frontier: Frontier, costmap: Costmap) -> None:
         """Pass a frontier over."""
-        middle = frontier.middle
-        self._entries.append((frontier.centroid, middle, _known_around(costmap, middle)))
+        self._entries.append((frontier, _known_around(costmap, frontier)))
 
     def holds(self, frontier: Frontier, costmap: Costmap) -> bool:
         """True if a frontier was passed over, and the map hasn't changed around it."""
         return any(
-            math.dist(centroid, frontier.centroid) < SAME_CENTROID
-            and abs(_known_around(costmap, middle) - known) < LEAST_GROWTH
-            for centroid, middle, known in self._entries
+            math.dist(one.centroid, frontier.centroid) < SAME_CENTROID
+            and abs(_known_around(costmap, one) - known) < LEAST_GROWTH
+            for one, known in self._entries
         )
 
 
-def _known_around(costmap: Costmap, middle: Point) -> float:
-    """Known area around a place [m2]."""
+def _known_around(costmap: Costmap, frontier: Frontier) -> float:
+    """Known area around a frontier [m2]."""
     frame = costmap.frame
-    row, col = frame.to_cell(*middle)
+    row, col = frame.to_cell(*frontier.middle)
     reach = round(_AROUND / frame.resolution)
     rows = slice(max(0, row - reach), row + reach + 1)
     cols = slice(max(0, col - reach), col + reach + 1)

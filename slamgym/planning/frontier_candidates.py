@@ -147,14 +147,14 @@ def make_candidates(
         if math.isfinite(lengths[index]):
             rows, cols = np.divmod(trace_path(parent, start, end), frame.width_px)
             path = frame.to_points(rows, cols)
-            points = costmap.frame.to_points(frontier.cells[:, 0], frontier.cells[:, 1])
+            points = costmap.frame.to_points(*frontier.cells.T)
             steps = path[1:] - path[:-1]
             candidate = FrontierCandidate(
                 frontier=frontier,
                 points=points,
                 target=_target(frontier, points, keep),
                 place=place,
-                path_length=float(np.hypot(steps[:, 0], steps[:, 1]).sum()),
+                path_length=float(np.hypot(*steps.T).sum()),
                 path_cost=float(lengths[index]) * frame.resolution,
                 path=path,
             )
@@ -209,9 +209,8 @@ def unknown_regions(costmap: Costmap, frontiers: Runs) -> tuple[FloatArray, floa
     """Measure the unknown behind frontiers.
 
     Returns:
-        The region behind each, shape (N, 7), with the columns of
-        :class:`~slamgym.planning.frontier_feature_kernels.UnknownRegion`, and the size of the cells in which it is
-        counted [m].
+        What :data:`~slamgym.planning.frontier_feature_kernels.UNKNOWN_REGION` names of each, shape (N, 7), and the size
+        of the cells in which it is counted [m].
     """
     cell = costmap.frame.resolution * COARSENING
     # The margin is what a costmap keeps about the known part.

@@ -1,7 +1,5 @@
 """Kernels of frontiers' features: a coarse map, the unknown region behind a frontier, and sight."""
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,6 +13,11 @@ FREE_CLASS = 1
 OCCUPIED_CLASS = 2
 
 UNKNOWN_CLASS = 0
+
+UNKNOWN_REGION = ("near", "far", "outside", "is_enclosed", "free", "occupied", "frontiers")
+"""What is measured of the unknown region behind a frontier, flooded from it up to some distance, in coarse cells: those
+within a first distance and within the second, the share of these outside the box of what is known, 1 if the flood ended
+by itself, else 0; and those that it met, free, occupied, or of how many other frontiers."""
 
 
 @kernel
@@ -57,7 +60,7 @@ def explore_unknown_regions(
         margin: See there.
 
     Returns:
-        What :class:`UnknownRegion` has of each, shape (N, 7).
+        What :data:`UNKNOWN_REGION` names of each, shape (N, 7).
     """
     classes = classify_costs(costs, coarsening)
     height, width = classes.shape
@@ -69,30 +72,11 @@ def explore_unknown_regions(
             coarse[i, 0] = min(cells[i, 0] // coarsening, height - 1)
             coarse[i, 1] = min(cells[i, 1] // coarsening, width - 1)
             labels[coarse[i, 0], coarse[i, 1]] = label
-    regions = np.empty((count, 7))
+    regions = np.empty((count, len(UNKNOWN_REGION)))
     for label in range(count):
         own = coarse[starts[label] : starts[label + 1]]
-        found = explore_unknown_region(classes, labels, label, own, steps, margin, count)
-        regions[label, 0] = found.near
-        regions[label, 1] = found.far
-        regions[label, 2] = found.outside
-        regions[label, 3] = found.is_enclosed
-        regions[label, 4] = found.free
-        regions[label, 5] = found.occupied
-        regions[label, 6] = found.frontiers
+        regions[label] = explore_unknown_region(classes, labels, label, own, steps, margin, count)
     return regions
-
-
-class UnknownRegion(NamedTuple):
-    """The unknown region behind a frontier, flooded from it up to some distance. Counts are of coarse cells."""
-
-    near: int  # cells within the first distance
-    far: int  # cells within the second
-    outside: float  # share of these outside the box of what is known
-    is_enclosed: float  # 1 if the flood ended by itself, else 0
-    free: int  # free cells that it met
-    occupied: int  # occupied cells that it met
-    frontiers: int  # other frontiers that it met
 
 
 @kernel
@@ -104,7 +88,7 @@ def explore_unknown_region(
     steps: tuple[int, int],
     margin: int,
     num_labels: int,
-) -> UnknownRegion:
+) -> FloatArray:
     """Flood the unknown region behind a frontier, 4-connected.
 
     Args:
@@ -115,6 +99,9 @@ def explore_unknown_region(
         steps: First distance, and the second, where the flood ends [cells].
         margin: Cells this near to the edge of the grid lie outside the bounding box of what is known.
         num_labels: Number of frontiers.
+
+    Returns:
+        What :data:`UNKNOWN_REGION` names.
     """
     near_steps, far_steps = steps
     height, width = classes.shape
@@ -160,15 +147,9 @@ def explore_unknown_region(
             near = tail
     if ring < near_steps:
         near = tail
-    return UnknownRegion(
-        near,
-        tail,
-        outside / tail if tail else 0.0,
-        1.0 if head == tail else 0.0,
-        free,
-        occupied,
-        others,
-    )
+    is_enclosed = 1.0 if head == tail else 0.0
+    share = outside / tail if tail else 0.0
+    return np.array([float(near), tail, share, is_enclosed, free, occupied, others])
 
 
 @kernel

@@ -157,17 +157,10 @@ def describe_frontier(cells: Int32Array, frame: GridFrame, pose: Pose2D) -> Fron
         size=len(cells),
         min_distance=math.sqrt(squared) * frame.resolution,
         centroid=frame.to_point(*centroid),
-        nearest=_centre(frame, cells[nearest]),
-        middle=_centre(frame, cells[middle]),
+        nearest=frame.to_point(*cells[nearest].tolist()),
+        middle=frame.to_point(*cells[middle].tolist()),
         cells=cells,
     )
-
-
-def _centre(frame: GridFrame, cell: Int32Array) -> Point:
-    """The point of a cell (row, col) [m]."""
-    row, col = cell.tolist()
-    x, y = frame.to_point(row, col)
-    return x, y
 
 
 def expected_gain(costmap: Costmap, point: Point, range_max: float) -> float:

@@ -7,7 +7,6 @@ import numpy as np
 from slamgym.core.types import Float32Array, FloatArray, IntArray, Pose2D
 from slamgym.planning.costmap import INSCRIBED_COST, LETHAL_COST, Costmap, cells_inside
 from slamgym.planning.frontiers import (
-    ANY,
     Point,
     Reachable,
     nearest_open_cell,
@@ -158,31 +157,22 @@ class CoarsePaths:
         Walls are crossed in the search: a place that is known to be reachable may lie in a closed cell's
         corner.
         """
-        row, col = self._frame.to_cell(*point)
-        coarse_row = int(row) // SHRINK
-        coarse_col = int(col) // SHRINK
-        farthest = self._crossable.size
-        place = nearest_open_cell(self._crossable, coarse_row, coarse_col, 1, ANY, farthest)
-        return int(place)
+        return int(self.places(np.array([point]))[0])
 
     def places(self, points: FloatArray) -> IntArray:
         """:meth:`place` of points (N, 2) [m], shape (N,)."""
         rows, cols = self._frame.to_cell(*points.T)
         return nearest_open_cells(self._crossable, rows // SHRINK, cols // SHRINK, 1)
 
-    def measure(
-        self, lengths: FloatArray, cells: IntArray, anew: IntArray, first: Float32Array
-    ) -> None:
-        """Measure the paths from some of N places anew, and shorten those between others that lead by way of them.
+    def search_anew(self, lengths: FloatArray, cells: IntArray, anew: IntArray) -> None:
+        """Search the paths from some of N places, and shorten those between others that lead by way of them.
 
         Args:
             lengths: Between all, shape (N, N) [m]; written to.
             cells: Flat indices of coarse cells, from :meth:`places`, shape (N,).
             anew: From which the paths are searched, in this order, shape (M,).
-            first: What :meth:`lengths_from` says of the first place, shape (N,) [m].
         """
-        size = np.float32(self.cell)
-        search_lengths(self._costs, cells, anew, INSCRIBED_COST, size, first, lengths)
+        search_lengths(self._costs, cells, anew, INSCRIBED_COST, np.float32(self.cell), lengths)
 
     def lengths_from(self, place: int, wanted: IntArray) -> Float32Array:
         """Length of the shortest path from an open cell to others, inf where none leads.
@@ -245,9 +235,7 @@ class PathLengths:
         num_old = len(self._places)
         known = np.vstack([self._places, points])
         apart = points[:, None] - known[None]
-        dx = apart[:, :, 0]
-        dy = apart[:, :, 1]
-        distances = np.hypot(dx, dy)
+        distances = np.hypot(*apart.T).T
         # A place that has moved by less than a cell is the old one.
         same = np.argmax(distances < paths.cell, axis=1)
         num_new = len(points)
@@ -258,7 +246,7 @@ class PathLengths:
         nearest_first = np.argsort(from_robot, kind="stable")
         new = np.flatnonzero(same >= num_old)
         anew = np.union1d(nearest_first[: 1 + NEAR_PLACES], new)
-        paths.measure(lengths, cells, anew, from_robot)
+        paths.search_anew(lengths, cells, anew)
         self._places = known[same[1:]]
         self._lengths = lengths[1:, 1:]
         lengths[0, 1:] += per_turn * straight_turns(pose, places)

@@ -181,7 +181,6 @@ def search_lengths(
     anew: IntArray,
     limit: int,
     size: np.float32,
-    first: Float32Array,
     lengths: FloatArray,
 ) -> None:
     """Search the paths from some of N cells to all, and shorten those between others that lead by way of them.
@@ -192,23 +191,17 @@ def search_lengths(
         anew: From which of them the paths are searched, shape (M,).
         limit: See there.
         size: Of a cell, in single precision [m].
-        first: Lengths of the paths from the first cell, shape (N,) [m].
         lengths: Between all, shape (N, N) [m]; written to.
     """
     count = len(cells)
     for i in anew:
         own = np.full(count, np.inf, np.float32)
-        if i == 0:
-            own[:] = first
-        elif cells[i] >= 0:
+        if cells[i] >= 0:
             own[:] = search_path(costs, cells[i], -1, cells, limit, 0.0)[0] * size
-        for j in range(count):
-            lengths[i, j] = own[j]
-            lengths[j, i] = own[j]
-        by_way = lengths[i].copy()
-        for j in range(count):
-            for k in range(count):
-                lengths[j, k] = min(lengths[j, k], by_way[k] + by_way[j])
+        lengths[i] = own
+        lengths[:, i] = own
+        by_way_of_i = lengths[i] + lengths[i].reshape(-1, 1)
+        lengths[:, :] = np.minimum(lengths, by_way_of_i)
 
 
 @kernel

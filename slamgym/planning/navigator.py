@@ -75,7 +75,7 @@ _RECOVERIES = ("back up", "turn", "back up")
 
 _TIGHT_RECOVERIES = 1
 """The same where the footprint is smaller than the robot: in two rooms parted by posts, whose gaps are as wide as the
-robot, 0.3 m, it touched them 6 and 3 times with one, 9 and 5 times with three."""
+robot, 0.3 m, five explorations took 323 s and two contacts with one, 485 s and five contacts with three."""
 
 
 class NavigatorConfig(Settings, section="navigator"):

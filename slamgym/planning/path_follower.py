@@ -24,6 +24,10 @@ _CLEARANCE = 0.03
 """Kept between the robot's body and what the scanner sees [m]: three standard deviations of its noise."""
 _SQUEEZE_SPEED = 0.1
 """Speed in a gap that is too narrow for the clearance [m/s]."""
+_SQUEEZE_CLEARANCE = 0.02
+"""Kept there [m]. In two rooms parted by posts, in gaps as wide as the robot, ``tour`` touched them 31 times in five
+explorations with 0, else never; with 0.03 it didn't fit through gaps 0.04 m wider in two of five. In
+16 homes it took 0.99 [0.97, 1.00] of the time."""
 _STANDSTILL = 0.02
 """A robot slower than this is held back [m/s]."""
 _HORIZON = 1.2
@@ -141,7 +145,8 @@ class PathFollower:
         if slowed > 0.25 * fastest:
             return Twist2D(slowed, slowed * curvature)
         step = context.control_step / 2
-        for speed, apart in ((fastest, self._apart), (_SQUEEZE_SPEED, context.robot_radius)):
+        squeezed = context.robot_radius + _SQUEEZE_CLEARANCE
+        for speed, apart in ((fastest, self._apart), (_SQUEEZE_SPEED, squeezed)):
             limits = (speed, self.fastest_turn)
             linear, angular, gain = best_arc(near, (x, y), limits, apart, step)
             if gain > _LEAST_GAIN:

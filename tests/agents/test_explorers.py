@@ -2,14 +2,17 @@ import dataclasses
 
 import numpy as np
 import pytest
+import shapely
 
 from slamgym.agents import EXPLORERS, make_explorer
 from slamgym.agents.explorer import FrontierExplorer
 from slamgym.agents.registry import CLASSICAL
 from slamgym.agents.rules import EXPLORE_LITE_LOOP, ExploreLite
 from slamgym.agents.simulated_operator import SimulatedOperator
+from slamgym.cad import FloorPlan
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D, Twist2D
+from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.planning import find_frontiers, make_costmap
 
 FRONTIER_EXPLORERS = list(CLASSICAL)
@@ -287,3 +290,32 @@ def test_a_promise_stands_behind_the_name_or_beside_it(make_world):
     assert make_explorer("explore_lite", context, 0, Promise()).config.promise is None
     with pytest.raises(ConfigError, match="ends as its source does"):
         make_explorer("explore_lite@98%", context)
+
+
+def rooms_parted_by_posts(gap):
+    """Two rooms of 3 x 3 m, and between them posts of 10 cm with gaps of some width [m]."""
+    rooms = [shapely.box(0.0, 0.0, 3.0, 3.0), shapely.box(3.1, 0.0, 6.1, 3.0)]
+    below = np.arange(0.2, 2.9 - gap, gap + 0.1).tolist()
+    gaps = [shapely.box(2.95, y, 3.15, y + gap) for y in below]
+    return FloorPlan("posts", shapely.union_all([*rooms, *gaps]))
+
+
+@pytest.mark.parametrize(("gap", "most"), [(0.30, 2), (0.34, 0)])
+def test_gaps_as_wide_as_the_robot_are_not_squeezed_into(gap, most):
+    """A robot 0.30 m wide, whom noise tells that it fits, touches posts twice at most; gaps of 0.34 m it passes."""
+    for seed in range(3):
+        env = ExploreEnv(
+            rooms_parted_by_posts(gap),
+            ExploreConfig().for_explorer(),
+            robot={"radius": 0.15},
+            localization="ground_truth",
+            time_limit=300.0,
+        )
+        observation, info = env.reset(seed=seed)
+        explorer = make_explorer("tour", env.explorer_context(), seed)
+        while not explorer.finished:
+            action, _ = explorer.predict(observation)
+            observation, _, _, truncated, info = env.step(action)
+            assert not truncated
+        assert info["collisions"] <= most
+        assert info["coverage"] > 0.97

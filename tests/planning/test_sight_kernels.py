@@ -3,6 +3,7 @@ import pytest
 
 from slamgym.planning.frontier_feature_kernels import (
     FREE_CLASS,
+    UNKNOWN_REGION,
     classify_costs,
     explore_unknown_region,
     explore_unknown_regions,
@@ -67,11 +68,13 @@ def test_a_flood_counts_cells_by_their_distance_and_each_other_frontier_once():
     labels[1], labels[8] = 0, 1
     cells = np.column_stack([np.ones(10, np.int64), np.arange(10)])
     region = explore_unknown_region(classes, labels, 0, cells, (3, 20), 1, 2)
-    assert (region.near, region.far) == (50, 80)  # the first two rows are seeds
-    assert region.outside == pytest.approx(0.2)  # its left and its right column
-    assert (region.is_enclosed, region.free, region.occupied, region.frontiers) == (1.0, 20, 0, 1)
+    # The first two rows are seeds; outside are its left and its right column.
+    expected = {"near": 50, "far": 80, "outside": 0.2, "is_enclosed": 1, "free": 20}
+    expected |= {"occupied": 0, "frontiers": 1}
+    assert dict(zip(UNKNOWN_REGION, region, strict=True)) == pytest.approx(expected)
     part = explore_unknown_region(classes, labels, 0, cells, (3, 4), 1, 2)
-    assert (part.far, part.is_enclosed, part.frontiers) == (60, 0.0, 0)
+    found = dict(zip(UNKNOWN_REGION, part, strict=True))
+    assert (found["far"], found["is_enclosed"], found["frontiers"]) == (60, 0.0, 0)
 
 
 @pytest.mark.parametrize("shape", [(60, 80), (59, 79)])
@@ -95,4 +98,4 @@ def test_regions_behind_several_frontiers_are_those_behind_each_on_a_coarse_map(
         labels[tuple(cells.T)] = label
     for label, cells in enumerate(coarse):
         one = explore_unknown_region(classes, labels, label, cells, (3, 9), 2, len(runs))
-        assert found[label].tolist() == list(one)
+        assert found[label].tolist() == one.tolist()
