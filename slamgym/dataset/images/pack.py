@@ -37,7 +37,7 @@ from slamgym.core.files import (
     write_text,
 )
 from slamgym.dataset.format import SIDES
-from slamgym.dataset.images.format import SPLITS, ImageLayout, ImageRecord, load_images, read_images
+from slamgym.dataset.images.format import SPLITS, ImageLayout, ImageRecord, read_images
 
 PackKind = Literal["parquet", "webdataset"]
 ENDINGS: dict[PackKind, str] = {"parquet": "parquet", "webdataset": "tar"}
@@ -124,8 +124,7 @@ def _shards(
 
 
 def _pictures(layout: ImageLayout, record: ImageRecord) -> dict[str, bytes]:
-    """Both PNG files of a pair, verified."""
-    load_images(layout.root, record)
+    """Both PNG files of a pair, verified by their digests."""
     found = dict[str, bytes]()
     for side in SIDES:
         path = layout.image(record.split, side, record.name)
