@@ -15,7 +15,6 @@ from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopCo
 from slamgym.planning.frontiers import expected_gains, view_gain
 from slamgym.planning.grid_path import CoarsePaths
 from slamgym.planning.open_tour import open_tour
-from slamgym.planning.team_tours import share_tours
 
 EXPLORE_LITE_LOOP = ExplorationLoopConfig(
     max_candidates=1000,
@@ -41,6 +40,8 @@ WIDE_TOUR_LOOP = replace(TOUR_LOOP, min_frontier_size=0.6, last_frontier_size=0.
 """A tour through what has room for the robot, 0.44 m, and some spare: the simplest way to pass over frontiers that hide
 little, beside which every learned one has to show its worth. It keeps the promise in 32 of 32 homes."""
 
+BESIDE_MATE = 0.3
+"""A robot that others see stands on the map as something of this radius, with what they keep from it [m]."""
 _TRUSTED_RANGE = 3.0
 """Range up to which the scanner is trusted when a gain is predicted [m]; the usable range of the mapper."""
 
@@ -151,62 +152,94 @@ class Auction:
 
     def __call__(self, loop: ExplorationLoop) -> FloatArray:
         """Score the loop's candidates, shape (N,)."""
-        own = path_lengths(loop)
-        bids = np.vstack([own, mate_lengths(loop)])
-        scores = -own
-        for _ in range(min(bids.shape)):
-            bidder, place = divmod(int(np.argmin(bids)), len(own))
-            if bidder == 0:
-                scores[place] = 1.0
-                break
-            bids[bidder] = np.inf
-            bids[:, place] = np.inf
-        return scores
+        return auctioned(path_lengths(loop), mate_lengths(loop))
 
 
-def tour_scores(
-    loop: ExplorationLoop, wanted: BoolArray, loads: FloatArray | None = None
-) -> FloatArray:
+def auctioned(own: FloatArray, mates: FloatArray) -> FloatArray:
+    """Scores (N,) of places by path lengths (N,) [m] to them: 1 for what is won, else the nearest first.
+
+    Mates bid theirs, shape (K, N) [m].
+    """
+    bids = np.vstack([own, mates])
+    scores = -own
+    for _ in range(min(bids.shape)):
+        bidder, place = divmod(int(np.argmin(bids)), len(own))
+        if bidder == 0:
+            scores[place] = 1.0
+            break
+        bids[bidder] = np.inf
+        bids[:, place] = np.inf
+    return scores
+
+
+def tour_scores(loop: ExplorationLoop, wanted: BoolArray) -> FloatArray:
     """Ranks in the shortest open tour through the wanted candidates, or through all if none is wanted.
 
-    Robots that hear each other share them out so that the last is done soonest; others' candidates come after the own
-    ones, the nearest first.
+    Robots that hear each other share them out, see :func:`shared_out`.
 
     Args:
         loop: The exploration.
         wanted: Which candidates are to be visited, shape (N,).
-        loads: What each takes beside the way, shape (N,) [m]; it decides who visits it.
 
     Returns:
-        Negative, the first 0, and -inf for candidates that are left out, shape (N,).
+        At most 1, and -inf for candidates that are left out, shape (N,).
     """
     visited = wanted | ~wanted.any()
+    scores: FloatArray = np.full(len(wanted), -np.inf)
+    if len(loop.mates) > 0:
+        scores[visited] = shared_out(path_lengths(loop)[visited], mate_lengths(loop)[:, visited])
+        return scores
     stops = np.flatnonzero(np.append(True, visited))  # the robot, and the candidates after it
     lengths = candidate_tour_lengths(loop, loop.navigator.lengths)[np.ix_(stops, stops)]
-    scores: FloatArray = np.full(len(wanted), -np.inf)
-    if len(loop.mates) == 0:
-        scores[visited] = -np.argsort(open_tour(lengths))
-        return scores
-    starts = np.vstack([lengths[0, 1:], mate_lengths(loop)[:, visited]])
-    taken = np.zeros(len(starts[0])) if loads is None else loads[visited]
-    own = share_tours(starts, lengths[1:, 1:], taken)[0]
-    others = [place for place in np.argsort(starts[0]).tolist() if place not in own]
-    scores[visited] = -np.argsort([*own, *others])
+    scores[visited] = -np.argsort(open_tour(lengths))
     return scores
 
 
+def shared_out(own: FloatArray, mates: FloatArray) -> FloatArray:
+    """Scores (N,) of places by path lengths (N,) [m] to them: the nearest that no mate is nearer to comes first.
+
+    With mates' lengths of shape (K, N) [m]. One that is nearest to none bids for one. Positions change less than what
+    frontiers seem to hide: robots don't cross the building for each other's (Bautin et al., "MinPos: A novel frontier
+    allocation algorithm for multi-robot exploration", ICIRA 2012).
+    """
+    is_own = own <= mates.min(axis=0, initial=np.inf)
+    if not is_own.any():
+        return auctioned(own, mates)
+    return -np.argsort(np.lexsort((own, ~is_own))).astype(np.float64)
+
+
 def mate_lengths(loop: ExplorationLoop) -> FloatArray:
-    """Length of the path of each robot that is heard to each candidate, shape (K, N) [m]; inf where none leads."""
+    """Length of the path of each robot that is heard to each candidate, shape (K, N) [m].
+
+    inf where none leads, and of robots that the map shows no path to: they have other candidates.
+    """
     costmap = loop.navigator.costmap
     space = loop.navigator.reachable
-    if costmap is None or space is None or len(loop.mates) == 0:
-        return np.zeros((0, len(loop.candidates)))
-    paths = CoarsePaths(costmap, space)
-    places = np.array([paths.place((x, y)) for x, y in candidate_places(loop).tolist()])
-    return np.array(
-        [paths.lengths_from(paths.place((x, y)), places) for x, y, _ in loop.mates.tolist()],
-        dtype=np.float64,
-    )
+    lengths: FloatArray = np.full((len(loop.mates), len(loop.candidates)), np.inf)
+    is_met = reached_mates(loop)
+    if costmap is not None and space is not None and is_met.any():
+        paths = CoarsePaths(costmap, space)
+        places = np.array([paths.place((x, y)) for x, y in candidate_places(loop).tolist()])
+        for mate in np.flatnonzero(is_met).tolist():
+            x, y = loop.mates[mate, :2].tolist()
+            lengths[mate] = paths.lengths_from(paths.place((x, y)), places)
+    return lengths
+
+
+def reached_mates(loop: ExplorationLoop) -> BoolArray:
+    """Which of the robots that are heard stand within :data:`BESIDE_MATE` of where this one can get to, shape (K,)."""
+    costmap = loop.navigator.costmap
+    space = loop.navigator.reachable
+    is_met = np.zeros(len(loop.mates), np.bool_)
+    if costmap is None or space is None:
+        return is_met
+    is_open = space.mask.reshape(costmap.costs.shape)
+    reach = round(BESIDE_MATE / costmap.frame.resolution)
+    rows, cols = costmap.frame.to_cell(*loop.mates[:, :2].T)
+    for mate, (row, col) in enumerate(zip(rows.tolist(), cols.tolist(), strict=True)):
+        top, left = max(row - reach, 0), max(col - reach, 0)
+        is_met[mate] = is_open[top : max(row + reach + 1, 0), left : max(col + reach + 1, 0)].any()
+    return is_met
 
 
 def path_lengths(loop: ExplorationLoop) -> FloatArray:

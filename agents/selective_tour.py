@@ -15,7 +15,7 @@ import numpy as np
 from slamgym.agents.explorer import BatchedExplorer, FrontierPilot
 from slamgym.agents.hidden_floor import AREAS, HIDDEN_FLOOR, HiddenFloor, moments
 from slamgym.agents.pretrained_policy import fingerprint_of
-from slamgym.agents.rules import TOUR_LOOP, tour_scores
+from slamgym.agents.rules import TOUR_LOOP, reached_mates, tour_scores
 from slamgym.core.config import config_hash
 from slamgym.core.types import BoolArray, FloatArray, Observation, Pose2D, Twist2D
 from slamgym.envs.frontier_table import FRONTIER_FIGURES, describe_frontiers
@@ -31,10 +31,6 @@ LARGEST_SKIPPED = 200.0
 300 m2 of known floor alone, ``rl`` took 1.05 [1.00, 1.12] times as long in 23 offices and schools. Beyond,
 only what the map encloses is: a door to half a school of 3,980 m2, into a hall deeper than the scanner sees, looked
 like one that hides nothing."""
-
-WORK = 0.5
-"""What a square metre of hidden floor takes a robot of a team, beside the way to its frontier [m/m2]. Explore
-Lite takes 2.4 s/m2 in the median of 50 plans, 0.6 m at full speed, the ways between frontiers included."""
 
 
 class SelectivePilot(FrontierPilot):
@@ -74,7 +70,9 @@ class SelectivePilot(FrontierPilot):
             worth |= is_open
         # Frontiers share no cell, so the middle of each is its own.
         index_of = {one.middle: index for index, one in enumerate(loop.wanted)}
-        if self._may_stop:
+        if (
+            self._may_stop and reached_mates(loop).all()
+        ):  # a robot that it can't get to stands behind more floor
             ways_on = loop.ways_on()
             if ways_on is not None:
                 ways_on = [one for one in ways_on if worth[index_of[one.middle]]]
@@ -82,10 +80,7 @@ class SelectivePilot(FrontierPilot):
                 return np.full(len(loop.candidates), -np.inf)
         may_pass_over = not is_large or (self._may_stop and hidden[0].sum() <= left)
         chosen = [index_of[one.frontier.middle] for one in loop.candidates]
-        loads = WORK * moments(chances, AREAS[-1])[0][chosen]
-        if not may_pass_over:
-            return tour_scores(loop, np.ones(len(loop.candidates), np.bool_), loads)
-        return tour_scores(loop, worth[chosen], loads)
+        return tour_scores(loop, worth[chosen] | (not may_pass_over))
 
     def _left(self, loop: ExplorationLoop) -> float:
         """How much floor the promise leaves unseen [m2]."""

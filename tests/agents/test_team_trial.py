@@ -6,13 +6,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import shapely
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
 
 from slamgym.agents import rules
 from slamgym.agents.bench.manifest import TEAMS, read_bench
 from slamgym.agents.evaluation.team_trial import TeamName, run_team_trial
 from slamgym.agents.evaluation.trial import Task, TrialConfig, run_trial
 from slamgym.agents.registry import make_explorer
-from slamgym.agents.rules import Auction, tour_scores
+from slamgym.agents.rules import Auction, mate_lengths, reached_mates, shared_out, tour_scores
 from slamgym.cad import FloorPlan
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import Pose2D
@@ -66,11 +69,12 @@ def targets(loop, scores):
     return [loop.candidates[k].frontier.middle[0] for k in np.argsort(-scores)]
 
 
-@pytest.mark.parametrize("side", [-1.0, 1.0])
-def test_robots_that_hear_each_other_go_to_different_ends(side):
-    loop = _Offered([(0.8 * side, 0.0, 0.0)]).loop
+def test_robots_that_hear_each_other_go_to_different_ends():
+    loop = _Offered([(0.8, 0.0, 0.0)]).loop
     everything = np.ones(len(loop.candidates), np.bool_)
-    assert targets(loop, tour_scores(loop, everything))[0] * side < 0.0
+    first, *others = targets(loop, tour_scores(loop, everything))
+    assert first < 0.0
+    assert min(others) > 0.0
 
 
 def test_in_an_auction_the_lowest_bid_wins_first(monkeypatch):
@@ -94,6 +98,30 @@ def test_a_robot_that_is_left_without_a_frontier_goes_to_the_nearest():
     loop = _Offered([(-0.8, 0.0, 0.0), (0.8, 0.0, 0.0)]).loop
     scores = tour_scores(loop, np.ones(len(loop.candidates), np.bool_))
     assert np.isfinite(scores).all()
+
+
+@given(
+    own=hnp.arrays(np.float64, 6, elements=st.floats(0.0, 50.0)),
+    mates=hnp.arrays(np.float64, (2, 6), elements=st.floats(0.0, 50.0)),
+)
+def test_a_robot_visits_first_the_nearest_that_no_mate_is_nearer_to(own, mates):
+    scores = shared_out(own, mates)
+    is_own = own <= mates.min(axis=0)
+    best = int(np.argmax(scores))
+    assert np.isfinite(scores).all()
+    if is_own.any():
+        assert is_own[best]
+        assert own[best] == own[is_own].min()
+        assert scores[is_own].min() > scores[~is_own].max(initial=-np.inf)
+
+
+def test_a_robot_behind_a_wall_leaves_the_frontiers_on_this_side_alone():
+    beside, behind = (0.8, 0.0, 0.0), (0.8, 1.8, 0.0)
+    loop = _Offered([beside, behind]).loop
+    assert reached_mates(loop).tolist() == [True, False]
+    lengths = mate_lengths(loop)
+    assert np.isfinite(lengths[0]).all()
+    assert np.isinf(lengths[1]).all()
 
 
 def test_the_benchs_track_for_teams_has_the_buildings_of_loops():
