@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from slamgym.viz.recording import Deliberation
 
 _Rate = Annotated[float, Within(gt=0.0, lt=1000.0)]
+_LAST = 0
+"""The last picture is shown whatever its number, as the first one is."""
 
 
 class WatchArguments(Arguments):
@@ -72,8 +74,10 @@ def main(arguments: WatchArguments) -> None:
     if arguments.robots > 1:
         _explore_together(plan, arguments)
     else:
-        with contextlib.closing(_make_env(arguments, plan)) as env:
-            _explore(env, plan, arguments)
+        from slamgym.envs import ExploreEnv
+
+        env = ExploreEnv(plan, _configure(arguments, plan), render_mode="rgb_array")
+        _explore(env, plan, arguments)
     for path in filter(None, (arguments.out, arguments.rerun)):
         tell(f"{path}")
 
@@ -115,11 +119,10 @@ def _explore_together(plan: FloorPlan, arguments: WatchArguments) -> None:
     ]
     renderer = Renderer()
     with contextlib.ExitStack() as files:
-        show, stride = _open_screen(files, arguments, config)
+        show = _open_screen(files, arguments, config, lambda: renderer.draw(team.scene()))
         for number in team_steps(team, explorers, arguments.seed, ResetOptions(plan)):
-            if number % stride == 0:
-                show(renderer.draw(team.scene()))
-        show(renderer.draw(team.scene()))
+            show(number)
+        show(_LAST)
     is_explored = all(explorer.finished for explorer in explorers)
     say(
         f"{plan.id}: {'explored' if is_explored else 'time is up'} after {team.time / 60.0:.1f} min by "
@@ -128,52 +131,49 @@ def _explore_together(plan: FloorPlan, arguments: WatchArguments) -> None:
 
 
 def _open_screen(
-    files: contextlib.ExitStack, arguments: WatchArguments, config: ExploreConfig
-) -> tuple[Callable[[ByteArray], None], int]:
-    """What shows pictures, a film or a window, and every how many-th step it shows."""
+    files: contextlib.ExitStack,
+    arguments: WatchArguments,
+    config: ExploreConfig,
+    draw: Callable[[], ByteArray],
+) -> Callable[[int], None]:
+    """What shows the picture after a step, in a film each n-th one, or in a window; nothing beside a recording."""
     from slamgym.viz.films import open_film
     from slamgym.viz.window import Window
 
     if arguments.out is not None:
         stride = max(1, round(arguments.speed / arguments.fps / config.control_step))
-        return files.enter_context(open_film(arguments.out, arguments.fps)), stride
+        film = files.enter_context(open_film(arguments.out, arguments.fps))
+
+        def show(number: int) -> None:
+            if number % stride == 0:
+                film(draw())
+
+        return show
+    if arguments.rerun is not None:
+        return lambda _: None
     window = Window("slamgym", round(config.lidar.rate))
     files.callback(window.close)
-    return window.show, 1
-
-
-def _make_env(arguments: WatchArguments, plan: FloorPlan) -> ExploreEnv:
-    from slamgym.envs import ExploreEnv
-
-    config = _configure(arguments, plan)
-    has_window = arguments.out is None and arguments.rerun is None
-    return ExploreEnv(plan, config, render_mode="human" if has_window else "rgb_array")
+    return lambda _: window.show(draw())
 
 
 def _explore(env: ExploreEnv, plan: FloorPlan, arguments: WatchArguments) -> None:
     """Run the exploration; every n-th step is a frame of the film, and each a moment of the recording."""
     from slamgym.agents.registry import make_explorer
     from slamgym.envs.episode import episode_steps
-    from slamgym.viz.films import open_film
     from slamgym.viz.recording import open_recording
 
     with contextlib.ExitStack() as files:
-        film = (
-            files.enter_context(open_film(arguments.out, arguments.fps)) if arguments.out else None
-        )
+        show = _open_screen(files, arguments, env.config, env.render)
         recording = (
             files.enter_context(open_recording(arguments.rerun)) if arguments.rerun else None
         )
-        stride = max(1, round(arguments.speed / arguments.fps / env.config.control_step))
         watcher = _Watcher(env)
         explorer = make_explorer(arguments.explorer, env.explorer_context(), arguments.seed)
         for number, info in enumerate(episode_steps(env, explorer, env.reset(seed=arguments.seed))):  # noqa: B007 - the last info is shown
-            if film is not None and number % stride == 0:
-                film(env.render())
+            show(number)
             if recording is not None:
                 recording.add(env.scene(), watcher.look(explorer))
-        if film is not None:
-            film(env.render())
+        show(_LAST)
     ending = "explored" if explorer.finished else "time is up"
     say(
         f"{plan.id}: {ending} after {env.simulation.time / 60.0:.1f} min and {info['path_length']:.0f} m, "
