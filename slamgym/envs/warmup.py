@@ -38,9 +38,9 @@ from slamgym.envs.explore_env import ExploreEnv
 from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
 from slamgym.envs.far_look import write_far
 from slamgym.planning import ExplorerContext, Goal, Navigator, find_frontiers
-from slamgym.planning.costmap import unmapped_points
 from slamgym.planning.frontier_feature_kernels import explore_unknown_regions
 from slamgym.planning.open_tour import lengths_by_first, open_tour, short_paths
+from slamgym.planning.unmapped import unmapped_points
 from slamgym.planning.view_history import ViewHistory
 from slamgym.sim import ClutterConfig
 from slamgym.sim.motion import settle

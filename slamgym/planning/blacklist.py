@@ -1,13 +1,12 @@
 """Frontiers that an exploration has given up, reached in vain or not reached, and those that it has passed over."""
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
 
 from slamgym.planning.costmap import NO_INFORMATION, Costmap
 from slamgym.planning.exploration_progress import LEAST_GROWTH
-from slamgym.planning.frontier_candidates import FrontierCandidate
+from slamgym.planning.frontier_candidates import FrontierCandidate, FrontierInReach
 from slamgym.planning.frontiers import Frontier, Point
 
 SAME_CENTROID = 0.25
@@ -29,14 +28,35 @@ class Blacklist:
     def __init__(self, tolerance: float) -> None:
         self._within = SAME_CENTROID + tolerance
         self._entries: list[tuple[FrontierCandidate, bool]] = []  # and whether it was reached
+        self._passed_over: list[tuple[FrontierCandidate, float]] = []  # and what was known around
 
     def add(self, candidate: FrontierCandidate, reached: bool) -> None:
         """Give a frontier up."""
         self._entries.append((candidate, reached))
 
-    def holds(self, centroid: Point) -> bool:
-        """True if a frontier of a centroid was given up."""
-        return any(self._is_same(one, centroid) for one, _ in self._entries)
+    def without_given_up(self, found: Sequence[FrontierInReach]) -> list[FrontierInReach]:
+        """Those frontiers that weren't given up."""
+        given_up = [one for one, _ in self._entries]
+        return [one for one in found if not self._holds(given_up, one)]
+
+    def pass_over(self, candidate: FrontierCandidate, costmap: Costmap) -> None:
+        """Pass a frontier over for now; that is never struck out, but ends with a change of the map around it."""
+        known = _known_around(costmap, candidate.frontier)
+        self._passed_over.append((candidate, known))
+
+    def without_passed_over(
+        self, found: Sequence[FrontierInReach], costmap: Costmap
+    ) -> list[FrontierInReach]:
+        """Those frontiers that weren't passed over, or around which the map has changed since."""
+        unchanged = [
+            one
+            for one, known in self._passed_over
+            if abs(_known_around(costmap, one.frontier) - known) < LEAST_GROWTH
+        ]
+        return [one for one in found if not self._holds(unchanged, one)]
+
+    def _holds(self, entries: Sequence[FrontierCandidate], one: FrontierInReach) -> bool:
+        return any(self._is_same(entry, one.frontier.centroid) for entry in entries)
 
     def unreached(self, costmap: Costmap, centroids: Sequence[Point]) -> list[FrontierCandidate]:
         """What was not reached and is still on the map, or is taken for one of its frontiers, of some centroids."""
@@ -58,25 +78,6 @@ class Blacklist:
     def _is_same(self, candidate: FrontierCandidate, centroid: Point) -> bool:
         x, y = candidate.frontier.centroid
         return abs(centroid[0] - x) < self._within and abs(centroid[1] - y) < self._within
-
-
-class PassedOver:
-    """Frontiers that were passed over, and what was known around them then."""
-
-    def __init__(self) -> None:
-        self._entries: list[tuple[Frontier, float]] = []  # and the known area [m2]
-
-    def add(self, frontier: Frontier, costmap: Costmap) -> None:
-        """Pass a frontier over."""
-        self._entries.append((frontier, _known_around(costmap, frontier)))
-
-    def holds(self, frontier: Frontier, costmap: Costmap) -> bool:
-        """True if a frontier was passed over, and the map hasn't changed around it."""
-        return any(
-            math.dist(one.centroid, frontier.centroid) < SAME_CENTROID
-            and abs(_known_around(costmap, one) - known) < LEAST_GROWTH
-            for one, known in self._entries
-        )
 
 
 def _known_around(costmap: Costmap, frontier: Frontier) -> float:

@@ -40,8 +40,6 @@ _COST_SCALING = 3.0
 """Exponential decay of the cost with the distance beyond the inscribed radius [1/m] (TurtleBot3 navigation)."""
 _COASTAL_COST = 252
 """Cost of cells out of sight of all obstacles: as much as those at the inscribed radius."""
-_APART = 0.15
-"""Points nearer to a wall of the map than this are taken for that wall [m]: the pose errs by as much."""
 FARTHEST_WALL = 3.0
 """Distances from obstacles are right up to here, or as far as obstacles cost something, if that is farther [m]."""
 
@@ -77,6 +75,12 @@ class Costmap:
     cells: ByteArray
     """(H, W) the map that it was made of."""
     config: CostmapConfig
+
+    @property
+    def known_area(self) -> float:
+        """Area of the cells that are not unknown [m2]."""
+        known = np.count_nonzero(self.costs != NO_INFORMATION)
+        return float(known) * self.frame.resolution**2
 
 
 class _Window(NamedTuple):
@@ -164,35 +168,6 @@ def free_body(grid: OccupancyGrid, pose: Pose2D, radius: float) -> OccupancyGrid
     radius_px = radius / grid.frame.resolution
     _clear_body(cells, int(row), int(col), radius_px, 0.6 * radius_px)
     return OccupancyGrid(cells, grid.frame)
-
-
-def mark_obstacles(grid: OccupancyGrid, points: FloatArray, apart: float = _APART) -> OccupancyGrid:
-    """Copy a map with points seen just now, e.g. on a person, entered as occupied.
-
-    Points nearer than ``apart`` [m] to a wall of the map are taken for that wall and left out, so that small
-    errors of the pose don't thicken walls and close doors.
-
-    Args:
-        grid: The map.
-        points: Points in the frame of the map, shape (N, 2) [m].
-        apart: Smallest distance from what the map knows [m].
-    """
-    cells = grid.cells.copy()
-    if len(points):
-        new = unmapped_points(grid, points, apart)
-        x = new[:, 0]
-        y = new[:, 1]
-        row, col = grid.frame.to_cell(x, y)
-        cells[row, col] = OCCUPIED
-    return OccupancyGrid(cells, grid.frame)
-
-
-def unmapped_points(grid: OccupancyGrid, points: FloatArray, apart: float = _APART) -> FloatArray:
-    """The points (N, 2) [m] that lie on a map and farther than ``apart`` [m] from its walls."""
-    row, col, inside = cells_inside(grid.frame, points)
-    is_apart = _stand_apart(grid.cells, row, col, grid.frame.resolution, apart)
-    inner = points[inside]
-    return inner[is_apart]
 
 
 def cells_inside(frame: GridFrame, points: FloatArray) -> tuple[IntArray, IntArray, BoolArray]:
@@ -375,36 +350,3 @@ def _clear_body(cells: ByteArray, row: int, col: int, radius_px: float, core_px:
             farthest = radius_px if is_unknown else core_px
             if squared <= farthest**2:
                 cells[r, c] = FREE
-
-
-@kernel
-def _stand_apart(
-    cells: ByteArray, rows: IntArray, cols: IntArray, resolution: float, apart: float
-) -> BoolArray:
-    """Mask of those cells that are farther than ``apart`` from every occupied one, shape (N,).
-
-    Args:
-        cells: ROS map values, shape (H, W).
-        rows: Of the cells asked about, shape (N,).
-        cols: The same.
-        resolution: Cell size [m].
-        apart: Between the centres of two cells [m].
-    """
-    height, width = cells.shape
-    half = int(apart / resolution) + 1
-    is_apart = np.ones(len(rows), np.bool_)
-    for i in range(len(rows)):
-        middle_row = rows[i]
-        middle_col = cols[i]
-        top = max(0, middle_row - half)
-        bottom = min(height, middle_row + half + 1)
-        left = max(0, middle_col - half)
-        right = min(width, middle_col + half + 1)
-        for row in range(top, bottom):
-            for col in range(left, right):
-                if cells[row, col] == OCCUPIED:
-                    squared = np.float32((row - middle_row) ** 2 + (col - middle_col) ** 2)
-                    # In single precision, as distance fields are.
-                    if not np.sqrt(squared) * np.float32(resolution) > np.float32(apart):
-                        is_apart[i] = False
-    return is_apart

@@ -9,16 +9,13 @@ choice is due, :meth:`ExplorationLoop.choose` is given one of the :attr:`Explora
 from dataclasses import field
 from typing import Annotated
 
-import numpy as np
-
 from slamgym.core.config import Count, Positive, Settings, Within
 from slamgym.core.types import ByteArray, FloatArray, Observation, OccupancyGrid, Pose2D, Twist2D
-from slamgym.planning.blacklist import SAME_CENTROID, Blacklist, PassedOver
+from slamgym.planning.blacklist import SAME_CENTROID, Blacklist
 from slamgym.planning.context import ExplorerContext
-from slamgym.planning.costmap import NO_INFORMATION, Costmap
+from slamgym.planning.costmap import Costmap
 from slamgym.planning.exploration_progress import LastChoice, MapGrowth, TargetProgress, Trail
 from slamgym.planning.frontier_candidates import (
-    LARGEST_HOME,
     FrontierCandidate,
     frontiers_in_reach,
     make_candidates,
@@ -33,8 +30,7 @@ from slamgym.planning.promise import SMALLEST_CALIBRATED, Promise, is_kept
 from slamgym.planning.recovery import RELAXED_FOOTPRINTS, RecoveryBehaviours
 
 _STALL_TIME = 40.0
-"""If the map hasn't grown for so long, choices are no longer reconsidered while driving [s]: a policy that
-changes its mind for ever would never arrive."""
+"""Without growth of the map for so long, choices stand while driving [s]: who changes its mind never arrives."""
 _FUTILE_GOALS = 12
 """So many frontiers in a row that added nothing to the map end the exploration: no map of a home needs as many."""
 
@@ -73,6 +69,7 @@ class ExplorationLoop:
         num_frontiers: How many frontiers there were before the list was cut.
         wanted: The frontiers that are to be visited sooner or later, the candidates' among them.
         target: The frontier that the robot drives to, None if there is none.
+        growth: Of the map, and how many goals were reached.
     """
 
     def __init__(
@@ -83,7 +80,7 @@ class ExplorationLoop:
         self.state = LoopState.SEARCHING
         self.num_frontiers = 0
         self._belief = LoopBelief(context.frame)
-        self._growth = MapGrowth()
+        self.growth = MapGrowth()
         self._trail = Trail()
         self._searched_round = 0  # the round of the last search of candidates
         self._recovery = RecoveryBehaviours()
@@ -98,7 +95,6 @@ class ExplorationLoop:
         self._choice = choice
         self._progress = TargetProgress()
         self._blacklist = Blacklist(0.5 * self.context.frame.resolution)
-        self._passed_over = PassedOver()
         self._recovery.start(self.navigator)
 
     def _enter(self, event: LoopEvent) -> None:
@@ -128,17 +124,12 @@ class ExplorationLoop:
     @property
     def known_area(self) -> float:
         """Area of the map's known cells [m2]."""
-        return self._growth.known_area
+        return self.growth.known_area
 
     @property
     def may_stop(self) -> bool:
         """True if there is a promise, and the map is large enough that one may be kept."""
         return self.config.promise is not None and self.known_area >= SMALLEST_CALIBRATED
-
-    @property
-    def reached(self) -> int:
-        """Number of goals that the robot got to."""
-        return self._growth.reached
 
     @property
     def round(self) -> int:
@@ -151,7 +142,7 @@ class ExplorationLoop:
         Args:
             observation: Of an environment whose map is the global one: ``"map"`` uint8 (1, H, W), ``"scan"``
                 (num_beams,) [m], ``"pose"`` (3,) in the map frame, ``"time"`` (1,) [s], in a team ``"mates"``. The map
-                may be an :class:`OccupancyGrid`, which may grow and move as long as its cells stay on one lattice.
+                may be an :class:`OccupancyGrid`, which may grow and move on its lattice of cells.
         """
         self._take_pose(observation)
         self._recovery.note_time(self.time)
@@ -192,17 +183,11 @@ class ExplorationLoop:
         return True
 
     def pass_over(self, index: int) -> None:
-        """Leave a candidate out: it isn't offered again until the map has changed around it.
-
-        A promise still counts it as a way on. Where it was the last one, the robot drives on to no frontier.
-
-        Raises:
-            IndexError: If there is no such candidate.
-        """
+        """Leave a candidate out until the map has changed around it; a promise still counts it as a way on."""
         candidate = self.candidates.pop(index)
         costmap = self.navigator.costmap
         assert costmap is not None, "there is a candidate, so there was a map"
-        self._passed_over.add(candidate.frontier, costmap)
+        self._blacklist.pass_over(candidate, costmap)
         if not self.candidates or candidate.is_same_place(self.target):
             self.target = None
             self.navigator.cancel()
@@ -279,8 +264,6 @@ class ExplorationLoop:
         radius = self.context.robot_radius
         return [one for one in self.wanted if fits_through(costmap, one, radius)]
 
-    # The parts of observe.
-
     def _take_pose(self, observation: Observation) -> None:
         """Take over all but the map; on a corrected map begin anew, with the next one that is published."""
         last_time = self.time
@@ -291,7 +274,7 @@ class ExplorationLoop:
         if is_corrected and self._belief.has_map and not self.finished:
             self._begin(LastChoice(settles_at=self._next_map_at()))
             self._enter(LoopEvent.CORRECTED)
-            self._growth.grown_to = 0.0  # corrected maps may be smaller
+            self.growth.grown_to = 0.0  # corrected maps may be smaller
 
     def _take_map(self, published: ByteArray | OccupancyGrid) -> None:
         """Hand a newly published map to the navigation stack."""
@@ -299,10 +282,8 @@ class ExplorationLoop:
             return
         self.navigator.update_map(self.known_map(), self.pose, self.time)
         self._choice.is_outdated = True
-        costmap = self.navigator.costmap
-        if costmap is not None:
-            known = np.count_nonzero(costmap.costs != NO_INFORMATION)
-            self._growth.note(float(known) * self.context.frame.resolution**2, self.time)
+        if self.navigator.costmap is not None:
+            self.growth.note(self.navigator.costmap.known_area, self.time)
 
     def _next_map_at(self) -> float:
         """Time when the next map is surely there [s]."""
@@ -317,9 +298,7 @@ class ExplorationLoop:
         status = self.navigator.status
         if self.target is None or status not in (GoalStatus.SUCCEEDED, GoalStatus.ABORTED):
             return
-        if status is GoalStatus.SUCCEEDED:
-            self._growth.reached += 1
-        self._growth.note_goal(self._choice.made_at)
+        self.growth.note_goal(self._choice.made_at, status is GoalStatus.SUCCEEDED)
         if self.navigator.reason == "stuck":
             self.navigator.block_ahead(self.pose, self.time)
         self._drop_target(self.target)
@@ -345,7 +324,7 @@ class ExplorationLoop:
         assert costmap is not None, "there is a target, so there was a map"
         if not self._choice.is_still_there(costmap, target):
             return True
-        is_stalled = self.time - self._growth.grown_at > _STALL_TIME
+        is_stalled = self.time - self.growth.grown_at > _STALL_TIME
         return not is_stalled and self.time - self._choice.made_at >= self.config.horizon - 1e-6
 
     def _offer(self) -> None:
@@ -357,7 +336,7 @@ class ExplorationLoop:
         self.wanted = []
         costmap = self.navigator.costmap
         space = self.navigator.reachable
-        if costmap is not None and space is not None and self._growth.futile < _FUTILE_GOALS:
+        if costmap is not None and space is not None and self.growth.futile < _FUTILE_GOALS:
             self._search(costmap, space)
         if self.candidates:
             self._enter(LoopEvent.OFFERED)
@@ -376,13 +355,12 @@ class ExplorationLoop:
         if self.round:
             min_size = min(min_size, self.config.last_frontier_size)
         found = frontiers_in_reach(costmap, space, self.pose, min_size, self.config.split_extent)
-        ahead = [one for one in found if not self._blacklist.holds(one.frontier.centroid)]
+        ahead = self._blacklist.without_given_up(found)
         # The next round offers again what was given up in the first.
         wanted = ahead if self.round else found
         self.wanted = [one.frontier for one in wanted]
-        ahead = [one for one in ahead if not self._passed_over.holds(one.frontier, costmap)]
-        if self.known_area > LARGEST_HOME:
-            ahead = walls_first(ahead)
+        ahead = self._blacklist.without_passed_over(ahead, costmap)
+        ahead = walls_first(ahead, self.known_area)
         self.num_frontiers = len(ahead)
         keep = self.target.target if self.target else None
         self.candidates = make_candidates(costmap, space, ahead, self.config.max_candidates, keep)
@@ -391,7 +369,7 @@ class ExplorationLoop:
         """Begin the recovery behaviour that is next, or end."""
         if self.time < self._choice.settles_at:
             return  # the map doesn't show yet what the last goal brought
-        self._growth.futile = 0
+        self.growth.futile = 0
         is_first_round = self.round == 0
         is_begun = self._recovery.attempt(self.known_map(), self.pose, self.time)
         self._enter(LoopEvent.RECOVERING if is_begun else LoopEvent.ENDED)
@@ -416,8 +394,7 @@ class ExplorationLoop:
     def _close_recovery(self) -> None:
         """Note that the robot got to a goal that is no frontier."""
         self.navigator.cancel()
-        if self.round > 0:  # before, it looked around
-            self._growth.reached += 1
+        self.growth.reached += self.round > 0  # before, it looked around
         self._enter(LoopEvent.GOAL_ENDED)
         if self._recovery.is_looking:
             self._choice.settles_at = self._next_map_at()

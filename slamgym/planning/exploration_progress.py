@@ -42,8 +42,9 @@ class MapGrowth:
             self.grown_to = known_area
             self.grown_at = time
 
-    def note_goal(self, chosen_at: float) -> None:
+    def note_goal(self, chosen_at: float, is_reached: bool) -> None:
         """Note the end of a goal that was chosen at some time [s]."""
+        self.reached += is_reached
         if self.grown_at >= chosen_at:
             self.futile = 0
         else:

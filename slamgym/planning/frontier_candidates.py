@@ -17,7 +17,7 @@ from slamgym.planning.navigator import PLAN_TOLERANCE
 
 COARSENING = 2
 """Paths to candidates are measured on a grid whose cells are so many cells of the map wide."""
-LARGEST_HOME = 100.0
+_LARGEST_HOME = 100.0
 """Known floor of a usual home [m2]; more may be a hall."""
 
 _SAME_TARGET = 0.01
@@ -105,11 +105,17 @@ def frontiers_in_reach(
     return found
 
 
-def walls_first(frontiers: list[FrontierInReach]) -> list[FrontierInReach]:
-    """Leave out the other parts of those frontiers that have parts by a wall.
+def walls_first(frontiers: list[FrontierInReach], known_area: float) -> list[FrontierInReach]:
+    """Leave out the other parts of those frontiers that have parts by a wall, where a hall may be known.
 
     A robot that sees no wall soon doesn't know where it is: the middle of a hall comes after its walls.
+
+    Args:
+        frontiers: From :func:`frontiers_in_reach`.
+        known_area: Of the map [m2].
     """
+    if known_area <= _LARGEST_HOME:
+        return frontiers
     with_wall = {one.whole for one in frontiers if one.is_by_wall}
     return [one for one in frontiers if one.is_by_wall or one.whole not in with_wall]
 

@@ -6,13 +6,8 @@ import numpy as np
 
 from slamgym.core.types import Float32Array, FloatArray, IntArray, Pose2D
 from slamgym.planning.costmap import INSCRIBED_COST, LETHAL_COST, Costmap, cells_inside
-from slamgym.planning.frontiers import (
-    Point,
-    Reachable,
-    nearest_open_cell,
-    nearest_open_cells,
-    reachable_space,
-)
+from slamgym.planning.frontier_kernels import nearest_open_cell, nearest_open_cells
+from slamgym.planning.frontiers import Point, Reachable, reachable_space
 from slamgym.planning.grid_path_kernels import search_lengths, search_path, shortcut, trace_path
 
 COST_FACTOR = 0.8 / 50.0

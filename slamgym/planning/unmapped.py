@@ -10,23 +10,21 @@ import math
 import numpy as np
 
 from slamgym.core.geometry import compose, transform_points, unit_vectors
+from slamgym.core.jit import kernel
 from slamgym.core.types import (
     FREE,
     OCCUPIED,
     UNKNOWN,
+    BoolArray,
+    ByteArray,
     Float32Array,
     FloatArray,
+    IntArray,
     LaserGeometry,
     OccupancyGrid,
     Pose2D,
 )
-from slamgym.planning.costmap import (
-    LETHAL_COST,
-    Costmap,
-    cells_inside,
-    mark_obstacles,
-    unmapped_points,
-)
+from slamgym.planning.costmap import LETHAL_COST, Costmap, cells_inside
 
 _MEMORY = 10.0
 """Obstacles that only the scan showed are kept for so long [s]: people walk on."""
@@ -43,9 +41,40 @@ _EMPTY = 0.97
 """Share of the beams in the gap without return: some are strays."""
 _UNMAPPED = 0.5
 """Share of the gap, up to the reach, that the map must not know."""
+_APART = 0.15
+"""Points nearer to a wall of the map than this are taken for that wall [m]: the pose errs by as much."""
 
 _SPECK = 0.02
 """Somebody who walks leaves patches of no more than this in the map [m2]: legs are as wide as two or three cells."""
+
+
+def mark_obstacles(grid: OccupancyGrid, points: FloatArray, apart: float = _APART) -> OccupancyGrid:
+    """Copy a map with points seen just now, e.g. on a person, entered as occupied.
+
+    Points nearer than ``apart`` [m] to a wall of the map are taken for that wall and left out, so that small
+    errors of the pose don't thicken walls and close doors.
+
+    Args:
+        grid: The map.
+        points: Points in the frame of the map, shape (N, 2) [m].
+        apart: Smallest distance from what the map knows [m].
+    """
+    cells = grid.cells.copy()
+    if len(points):
+        new = unmapped_points(grid, points, apart)
+        x = new[:, 0]
+        y = new[:, 1]
+        row, col = grid.frame.to_cell(x, y)
+        cells[row, col] = OCCUPIED
+    return OccupancyGrid(cells, grid.frame)
+
+
+def unmapped_points(grid: OccupancyGrid, points: FloatArray, apart: float = _APART) -> FloatArray:
+    """The points (N, 2) [m] that lie on a map and farther than ``apart`` [m] from its walls."""
+    row, col, inside = cells_inside(grid.frame, points)
+    is_apart = _stand_apart(grid.cells, row, col, grid.frame.resolution, apart)
+    inner = points[inside]
+    return inner[is_apart]
 
 
 class MapCorrections:
@@ -236,3 +265,36 @@ def free_at(points: FloatArray, grid: OccupancyGrid, value: int) -> OccupancyGri
     cells = grid.cells.copy()
     cells[row[has_value], col[has_value]] = FREE
     return OccupancyGrid(cells, grid.frame)
+
+
+@kernel
+def _stand_apart(
+    cells: ByteArray, rows: IntArray, cols: IntArray, resolution: float, apart: float
+) -> BoolArray:
+    """Mask of those cells that are farther than ``apart`` from every occupied one, shape (N,).
+
+    Args:
+        cells: ROS map values, shape (H, W).
+        rows: Of the cells asked about, shape (N,).
+        cols: The same.
+        resolution: Cell size [m].
+        apart: Between the centres of two cells [m].
+    """
+    height, width = cells.shape
+    half = int(apart / resolution) + 1
+    is_apart = np.ones(len(rows), np.bool_)
+    for i in range(len(rows)):
+        middle_row = rows[i]
+        middle_col = cols[i]
+        top = max(0, middle_row - half)
+        bottom = min(height, middle_row + half + 1)
+        left = max(0, middle_col - half)
+        right = min(width, middle_col + half + 1)
+        for row in range(top, bottom):
+            for col in range(left, right):
+                if cells[row, col] == OCCUPIED:
+                    squared = np.float32((row - middle_row) ** 2 + (col - middle_col) ** 2)
+                    # In single precision, as distance fields are.
+                    if not np.sqrt(squared) * np.float32(resolution) > np.float32(apart):
+                        is_apart[i] = False
+    return is_apart

@@ -52,7 +52,9 @@ class Trials:
             self.is_blocked = False
 
     def _is_driving(self, loop: ExplorationLoop) -> bool:
-        return loop.reached > self._reached or loop.known_area > self._known_area + LEAST_GROWTH
+        return (
+            loop.growth.reached > self._reached or loop.known_area > self._known_area + LEAST_GROWTH
+        )
 
     def is_over(self, loop: ExplorationLoop, is_lost: bool, time: float) -> bool:
         """True if the end is one; else it is to be tried again later.
@@ -76,6 +78,6 @@ class Trials:
         self.is_blocked = left and not is_driving
         self.pause = min(FIRST_PAUSE * 2.0 ** min(tries, 10), _LONGEST_PAUSE)
         self.again_at = time + self.pause
-        self._reached = loop.reached
+        self._reached = loop.growth.reached
         self._known_area = loop.known_area
         return False

@@ -129,10 +129,25 @@ def test_what_was_not_reached_is_forgiven_and_what_was_reached_is_not():
     blacklist = Blacklist(0.0)
     blacklist.add(reached, True)
     blacklist.add(missed, False)
-    holds = [blacklist.holds(one.frontier.centroid) for one in (reached, missed)]
+    assert not blacklist.without_given_up([reached, missed])
     blacklist.forgive()
-    left = [blacklist.holds(one.frontier.centroid) for one in (reached, missed)]
-    assert (holds, left) == ([True, True], [True, False])
+    assert blacklist.without_given_up([reached, missed]) == [missed]
+
+
+def test_what_was_passed_over_stays_so_until_the_map_changes_around_it():
+    grid = room(openings=[EAST, NORTH])
+    candidates = candidates_of(grid)
+    passed, other = candidates
+    blacklist = Blacklist(0.0)
+    blacklist.pass_over(passed, make_costmap(grid))
+    blacklist.clear()  # strikes out what was given up alone
+    assert blacklist.without_passed_over(candidates, make_costmap(grid)) == [other]
+    for one, left in ((other, [other]), (passed, candidates)):
+        cells = grid.cells.copy()
+        row, col = FRAME.to_cell(*one.frontier.middle)
+        cells[max(0, row - 20) : row + 21, col - 20 : col + 21] = FREE
+        seen = make_costmap(OccupancyGrid(cells, FRAME))
+        assert blacklist.without_passed_over(candidates, seen) == left
 
 
 def test_coarse_cells_take_the_lowest_cost_and_stay_in_place():

@@ -12,7 +12,7 @@ from slamgym.planning import (
     reachable_space,
 )
 from slamgym.planning.costmap import INSCRIBED_COST, LETHAL_COST, NO_INFORMATION
-from slamgym.planning.frontiers import nearest_open_cell
+from slamgym.planning.frontier_kernels import nearest_open_cell
 
 RESOLUTION = 0.05
 
