@@ -5,8 +5,9 @@ WORKDIR /src
 COPY . .
 # The extras to install; gan and agents bring torch, 1 GB and more.
 ARG EXTRAS=ros,ros2
-# What constraints.txt names is what the tests ran with.
-RUN pip install --constraint constraints.txt ".[${EXTRAS}]" && slamgym warmup && chmod -R a+rX /opt/kernels
+# What constraints.txt names is what the tests ran with. numba takes kernels only from a folder that it may write in:
+# other users than root (docker run --user) would compile them again.
+RUN pip install --constraint constraints.txt ".[${EXTRAS}]" && slamgym warmup && chmod -R a+rwX /opt/kernels
 WORKDIR /work
 ENTRYPOINT ["slamgym"]
 CMD ["--help"]
