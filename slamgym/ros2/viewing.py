@@ -2,6 +2,8 @@
 
 import contextlib
 import math
+import re
+import time
 from collections.abc import Iterator
 from pathlib import Path as FilePath
 from typing import Any
@@ -26,6 +28,8 @@ FRAMES_PER_SECOND = 20.0
 """Pictures of the film in a second."""
 FRAME_INTERVAL = 1.0
 """Robot time between two pictures of the film [s]."""
+LOG_INTERVAL = 5.0
+"""Time between two lines of the log in which figures alone differ [s]: the demo's robot sees some twenty a second."""
 
 _GREEN = {"r": 0.1, "g": 0.8, "b": 0.2, "a": 1.0}
 """Colour of the frontier that the robot drives to."""
@@ -51,6 +55,7 @@ class Display:
         self._markers = node.offer(MarkerArray, "explore/frontiers", LATCHED)
         self._paths = node.offer(Path, "explore/path", LATCHED)
         self._text = ""
+        self._logged = ("", -np.inf)
         self._filmed_at = -np.inf  # [s]
         self._driven: list[Pose2D] = []
         self._files = contextlib.ExitStack()
@@ -68,6 +73,15 @@ class Display:
             self._live = LiveView(parameters.view)
             node.get_logger().info(f"live view: {self._live.address}")
 
+    def _log(self, text: str) -> None:
+        """Log a status: new words at once, new figures alone now and then."""
+        words = re.sub(r"\d+", "", text)
+        now = time.monotonic()
+        last, logged_at = self._logged
+        if words != last or now - logged_at >= LOG_INTERVAL:
+            self._logged = (words, now)
+            self._node.get_logger().info(text)
+
     def orders(self) -> Iterator[str]:
         """What a person at the live view has asked for since the last call."""
         while self._live is not None and not self._live.orders.empty():
@@ -84,7 +98,7 @@ class Display:
         stamp = 0.0 if scan is None else scan.stamp
         if exploration.text != self._text:
             self._text = exploration.text
-            self._node.get_logger().info(self._text)
+            self._log(self._text)
             self._status({"data": self._text})
             self._publish(exploration, self._node.header(stamp, self._parameters.map_frame))
         if pose is not None:
