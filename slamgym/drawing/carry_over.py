@@ -18,7 +18,6 @@ from slamgym.core.errors import InputFileError
 from slamgym.core.geometry import inverse, transform_points
 from slamgym.core.types import FloatArray, OccupancyGrid, Pose2D
 from slamgym.drawing.comparison.faces import map_evidence, plan_walls
-from slamgym.drawing.comparison.registration import register
 from slamgym.drawing.edits import THICKEST_ADDED_WALL, Correction, Corrections, map_digest
 from slamgym.drawing.openings import INTO_WALLS
 
@@ -40,6 +39,8 @@ def carried_over(corrections: Corrections, grid: OccupancyGrid) -> Corrections:
     if not corrections.rooms:
         said = "the corrections are of another map and hold no rooms: they are taken to be in this map's frame"
         return replace(corrections, faults=(*corrections.faults, said))
+    from slamgym.drawing.comparison.registration import register
+
     floors = [room.shape.buffer(INTO_WALLS, join_style="mitre") for room in corrections.rooms]
     floor = shapely.union_all(floors).buffer(-INTO_WALLS, join_style="mitre")
     plan = FloorPlan("former", largest_part(floor))

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from scipy.spatial import KDTree
 
 from slamgym.core.types import FloatArray
 
@@ -65,8 +64,10 @@ def fit_edges(points: FloatArray, axis: complex, tolerance: float) -> list[Edge]
     corners = cv2.approxPolyDP(rounded[:, None, :], tolerance, True)[:, 0, :]
     if len(corners) < 3:
         return []
-    _, nearest = KDTree(rounded).query(corners)
-    starts = np.unique(nearest).tolist()
+    of_outline = rounded @ (1.0, 1j)
+    order = np.argsort(of_outline, kind="stable")
+    found = np.searchsorted(of_outline, corners @ (1.0, 1j), sorter=order)
+    starts = np.unique(order[found]).tolist()
     line = points[:, 0] + 1j * points[:, 1]
     ring = np.concatenate([line, line])
     ends = [*starts[1:], starts[0] + len(line)]

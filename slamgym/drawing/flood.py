@@ -131,22 +131,29 @@ def _walk(
 ) -> None:
     """Breadth-first flood to four neighbours and to eight by turns: circles become octagons, 6 % off at most."""
     cols = free.shape[1]
+    is_free = free.ravel()
+    moves = np.array([1, -1, cols, -cols, cols + 1, cols - 1, 1 - cols, -1 - cols])
+    margin = HALF_LINE + seal + 1.0
+    left, right = line[:, 0].min() - margin, line[:, 0].max() + margin
+    top, bottom = line[:, 1].min() - margin, line[:, 1].max() + margin
     first = 0
     k = 0
     for level in range(1, steps[-1] + 1):
         end = size
         for at in queue[first:end]:
             for turn in range(4 if level % 2 else 8):
-                row = at // cols + (0, 0, 1, -1, 1, 1, -1, -1)[turn]
-                col = at % cols + (1, -1, 0, 0, 1, -1, 1, -1)[turn]
-                to = row * cols + col
-                if arrival[to] >= 0 or not free[row, col]:
+                to = at + moves[turn]
+                if arrival[to] >= 0 or not is_free[to]:
                     continue
-                along, aside, length = _place(line, row, col)
-                if abs(aside) > HALF_LINE or not -seal <= along <= length + seal:
-                    arrival[to] = level
-                    queue[size] = to
-                    size += 1
+                row = to // cols
+                col = to - row * cols
+                if top <= row <= bottom and left <= col <= right:
+                    along, aside, length = _place(line, row, col)
+                    if abs(aside) <= HALF_LINE and -seal <= along <= length + seal:
+                        continue
+                arrival[to] = level
+                queue[size] = to
+                size += 1
         first = end
         if level == steps[k]:
             count[k] = size

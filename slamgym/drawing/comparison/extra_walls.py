@@ -7,7 +7,6 @@ cupboard or a sofa.
 import cv2
 import numpy as np
 import shapely
-from scipy.spatial import KDTree
 from shapely import LineString
 from shapely.geometry.base import BaseGeometry
 
@@ -55,9 +54,12 @@ def _unexplained(
 ) -> FloatArray:
     """Points on the faces of a map's walls that lie on the floor and far from what explains them, (N, 2) [m]."""
     points = evidence.points
-    inside = shapely.contains_xy(floor.buffer(-0.5 * EXPLAINED), points)
-    away, _ = KDTree(explained_by).query(points)
-    return points[inside & (away > EXPLAINED)]
+    inside = points[shapely.contains_xy(floor.buffer(-0.5 * EXPLAINED), points)]
+    tree = shapely.STRtree(shapely.points(explained_by))
+    explained, _ = tree.query_nearest(
+        shapely.points(inside), max_distance=EXPLAINED, all_matches=False
+    )
+    return np.delete(inside, explained, axis=0)
 
 
 def _straight_pieces(points: FloatArray, evidence: MapEvidence) -> FloatArray:
