@@ -30,9 +30,9 @@ from slamgym.drawing.walls import WallPiece
 from slamgym.metrics.maps import distance_to
 
 SEEN_WITHIN = 0.15
-"""A piece of wall was seen if the map has an occupied cell within this [m]."""
+"""A piece of wall was seen if the map has an occupied cell within this, which is then the wall's [m]."""
 STEP = 0.05
-"""Between two places that are looked at [m]."""
+"""Between two places on a face that are looked at [m]."""
 NARROWEST_LEFT_OUT = 0.5
 """Seen floor is left out where a disc of this diameter fits in [m]."""
 HIDDEN_DEPTHS = (0.1, 0.2, 0.35)

@@ -13,9 +13,8 @@ from shapely.geometry.base import BaseGeometry
 from slamgym.core.geometry import transform_points
 from slamgym.core.types import FREE, FloatArray
 from slamgym.drawing.comparison.faces import MapEvidence
+from slamgym.drawing.evidence import SEEN_WITHIN
 
-EXPLAINED = 0.15
-"""Points of the map that are so near to a wall of the plan, or to where it has moved, belong to it [m]."""
 GAP = 0.2
 """Widest gap in a straight structure [m]."""
 TURNS = 60
@@ -54,10 +53,10 @@ def _unexplained(
 ) -> FloatArray:
     """Points on the faces of a map's walls that lie on the floor and far from what explains them, (N, 2) [m]."""
     points = evidence.points
-    inside = points[shapely.contains_xy(floor.buffer(-0.5 * EXPLAINED), points)]
+    inside = points[shapely.contains_xy(floor.buffer(-0.5 * SEEN_WITHIN), points)]
     tree = shapely.STRtree(shapely.points(explained_by))
     explained, _ = tree.query_nearest(
-        shapely.points(inside), max_distance=EXPLAINED, all_matches=False
+        shapely.points(inside), max_distance=SEEN_WITHIN, all_matches=False
     )
     return np.delete(inside, explained, axis=0)
 

@@ -17,11 +17,9 @@ from slamgym.core.types import (
     OccupancyGrid,
     Pose2D,
 )
-from slamgym.drawing.evidence import values_at
+from slamgym.drawing.evidence import STEP, values_at
 from slamgym.drawing.walls import find_walls
 
-FACE_STEP = 0.05
-"""Distance of the points on a plan's face [m]."""
 _SIMPLIFY = 0.002
 """Corners that stray less than this from a straight face are none [m]."""
 NORMAL_BLUR = 1.5
@@ -66,7 +64,7 @@ def plan_walls(plan: FloorPlan) -> PlanWalls:
     side = []
     for number, piece in enumerate(walls):
         depth = piece.thickness if piece.known else 0.0
-        count = max(round(piece.length / FACE_STEP), 1)
+        count = max(round(piece.length / STEP), 1)
         shares = (np.arange(count) + 0.5) / count
         middle_line = piece.places(np.array([0.0, 1.0]), 0.5 * depth)
         lines.append(middle_line.ravel())

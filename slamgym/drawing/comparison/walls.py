@@ -13,9 +13,10 @@ from scipy.spatial import KDTree
 from slamgym.core.geometry import runs_of
 from slamgym.core.types import BoolArray, FloatArray, IntArray
 from slamgym.drawing.comparison.distortion import Drift
-from slamgym.drawing.comparison.faces import FACE_STEP, MapEvidence, PlanWalls
+from slamgym.drawing.comparison.faces import MapEvidence, PlanWalls
 from slamgym.drawing.comparison.records import FindingKind, Line, PlanFinding
 from slamgym.drawing.comparison.registration import MISSED
+from slamgym.drawing.evidence import STEP
 from slamgym.drawing.free_space import cross
 from slamgym.drawing.settings import ComparisonConfig
 
@@ -214,6 +215,6 @@ def _around(values: FloatArray, sides: FloatArray, centre: float) -> _Place:
             middles.append(np.median(of_side))
     offset = float(np.mean(middles))
     scatter = 1.4826 * np.median(np.abs(values[close] - offset))
-    independent = max(1.0, close.sum() * FACE_STEP / CORRELATED)
+    independent = max(1.0, close.sum() * STEP / CORRELATED)
     error = np.hypot(np.sqrt(1.57 / independent) * scatter, CELL_ROUNDING)
     return _Place(offset, float(error), float(close.mean()), seen)

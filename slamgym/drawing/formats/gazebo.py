@@ -7,9 +7,8 @@ from shapely import Polygon
 
 from slamgym.cad.polygons import polygon_parts
 from slamgym.drawing.drawing import Drawing
+from slamgym.drawing.formats.ifc import WALL_HEIGHT
 
-HEIGHT = 2.5
-"""Of the walls [m]; a map says nothing of it."""
 THING_HEIGHT = 0.5
 """Of what stands in the rooms [m]: above the scanners of small robots; a map says nothing of it."""
 OUTER_WALL = 0.2
@@ -45,7 +44,7 @@ def format_world(drawing: Drawing) -> str:
         )
         _add(plane, "normal", "0 0 1")
         _add(plane, "size", "100 100")
-    _add_bodies(world, "walls", wall_bodies(drawing), HEIGHT)
+    _add_bodies(world, "walls", wall_bodies(drawing), WALL_HEIGHT)
     _add_bodies(world, "things", standing_bodies(drawing), THING_HEIGHT)
     ET.indent(sdf)
     return ET.tostring(sdf, encoding="unicode", xml_declaration=True) + "\n"

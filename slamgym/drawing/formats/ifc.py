@@ -17,7 +17,7 @@ from shapely import Polygon
 from slamgym.cad.polygons import polygon_parts
 from slamgym.core.types import FloatArray
 from slamgym.drawing.drawing import Drawing, DrawnDoor, DrawnPoint, DrawnRoom, DrawnWall
-from slamgym.drawing.formats.straight_walls import straight_walls
+from slamgym.drawing.formats.straight_walls import TOUCHING, straight_walls
 
 WALL_HEIGHT = 2.5
 """Height of walls and rooms, usual in homes [m]; a map has no heights."""
@@ -29,8 +29,6 @@ TYPE_STEP = 0.05
 """Thicknesses of wall types are whole multiples of this [m]: a map of 5 cm cells knows no finer ones."""
 GLASS_MATERIAL = "glass"
 """Name of the material of walls of glass, and of their style."""
-MEET = 0.05
-"""Bodies of walls that meet are no farther apart [m]."""
 
 
 def format_ifc(drawing: Drawing) -> str:
@@ -158,7 +156,7 @@ class _Builder:
     def connect_walls(self, walls: Sequence[DrawnWall], bodies: Sequence[Any]) -> None:
         """Say of walls that meet at which end or along which of both they do."""
         shapes = [wall.polygon for wall in walls]
-        near = shapely.STRtree(shapes).query(shapes, predicate="dwithin", distance=MEET)
+        near = shapely.STRtree(shapes).query(shapes, predicate="dwithin", distance=TOUCHING)
         for one, other in near.T.tolist():
             if one < other:
                 meeting = shapely.shortest_line(walls[one].line, walls[other].line)
@@ -308,7 +306,7 @@ def _runs_through(wall: DrawnWall, door: DrawnDoor) -> tuple[float, float]:
 
 def _end_at(wall: DrawnWall, place: DrawnPoint) -> str:
     """Where along its path a wall is met at a place."""
-    reach = wall.thickness + MEET
+    reach = wall.thickness + TOUCHING
     if math.dist(place, wall.start) <= reach:
         return "ATSTART"
     return "ATEND" if math.dist(place, wall.end) <= reach else "ATPATH"

@@ -16,7 +16,7 @@ from slamgym.drawing.openings import lengthened
 from slamgym.drawing.settings import SEEN_SHARE
 
 TOUCHING = 0.05
-"""Pieces so near to each other can be one straight wall [m]."""
+"""Walls so near to each other meet; pieces can be one straight wall [m]."""
 ASTRAY = 0.12
 """A piece belongs to a wall if neither of its ends is farther from the wall's line, nor its thickness from the wall's:
 steps of a map's echoes [m]."""

@@ -9,10 +9,8 @@ from slamgym.core.files import write_text
 from slamgym.core.types import UNKNOWN, GridFrame, OccupancyGrid
 from slamgym.drawing.drawing import Drawing
 from slamgym.drawing.evidence import filled
+from slamgym.drawing.formats.gazebo import OUTER_WALL
 from slamgym.drawing.settings import DRAWING_FORMATS
-
-WALL = 0.2
-"""Round the floor so much is occupied in a ROS map [m]; a robot sees the walls' faces alone."""
 
 
 def write_drawing(drawing: Drawing, stem: Path | str, formats: Sequence[str]) -> list[Path]:
@@ -105,6 +103,6 @@ def drawing_map(drawing: Drawing) -> OccupancyGrid:
     Floor is free, what bounds it is occupied, all else is unknown.
     """
     cell = drawing.grid.frame.resolution
-    frame = GridFrame.covering(drawing.floor.bounds, cell, margin=WALL)
+    frame = GridFrame.covering(drawing.floor.bounds, cell, margin=OUTER_WALL)
     floor = filled(drawing.floor, frame)
-    return OccupancyGrid(map_values(floor, cell, UNKNOWN, WALL), frame)
+    return OccupancyGrid(map_values(floor, cell, UNKNOWN, OUTER_WALL), frame)
