@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import shapely
+from shapely.geometry.base import BaseGeometry
 
 from slamgym.cad.floorplan import ring_segments
 from slamgym.cad.polygons import largest_part, polygon_parts
@@ -68,7 +69,7 @@ def main() -> None:
     print_and_save("drawing/gazebo_worlds", TITLE, rows, COLUMNS, MODULES)
 
 
-def seen_cells(space: shapely.Geometry, frame: GridFrame) -> BoolArray:
+def seen_cells(space: BaseGeometry, frame: GridFrame) -> BoolArray:
     """Cells (H, W) of a frame that the scanner sees in a space, from all places of its largest part."""
     parts = polygon_parts(space)
     rings = [ring for part in parts for ring in (part.exterior, *part.interiors)]

@@ -54,7 +54,7 @@ def _unexplained(
     """Points on the faces of a map's walls that lie on the floor and far from what explains them, (N, 2) [m]."""
     points = evidence.points
     inside = points[shapely.contains_xy(floor.buffer(-0.5 * SEEN_WITHIN), points)]
-    tree = shapely.STRtree(shapely.points(explained_by))
+    tree = shapely.STRtree(np.asarray(shapely.points(explained_by)))
     explained, _ = tree.query_nearest(
         shapely.points(inside), max_distance=SEEN_WITHIN, all_matches=False
     )
