@@ -21,8 +21,8 @@ ALIGNED_COSINE = 0.7
 SURFACE_SIGMA = 0.0105
 """Standard deviation of a point across a line [m]. Wider ones, or such as grow with the range as the data sheet of a
 cheap laser says, are worse by a third on simulated homes: what errs more is left to the weights, and to the variance of
-the line's own points, which is added. Without that the walls of a cluttered lab turn by 14 degrees, with it by 8, and
-twenty homes with a sweep have 0.049 and 0.042 m, FHW 0.160 and 0.150, Freiburg 079 0.0499 and 0.0508. Chosen on that
+the line's own points, which is added. Without that the walls of a cluttered lab turn by 14 degrees, with it by 9, and
+twenty homes with a sweep have 0.049 and 0.042 m, FHW 0.160 and 0.150, Freiburg 079 0.0499 and 0.0472. Chosen on that
 lab alone."""
 ALIGN_WIDTH = 3.0
 """Residual at which a point's weight has fallen to a quarter, at the last steps [standard deviations]."""
