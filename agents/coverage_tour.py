@@ -84,7 +84,7 @@ class Viewpoints:
         self._lists = [np.flatnonzero(seen) for seen in self.views]
         # What is seen while driving from place to place.
         self._legs: dict[tuple[int, int], BoolArray] = {}
-        self._at: IntArray = np.array([self.paths.place(point) for point in points])
+        self._at: IntArray = self.paths.places(self.places)
         lengths = np.vstack([self.paths.lengths_from(cell, self._at) for cell in self._at])
         # Rounding makes a way back longer by micrometres, and improving a tour by such lengths may never end.
         self.lengths: FloatArray = np.minimum(lengths, lengths.T)

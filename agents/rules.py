@@ -219,10 +219,9 @@ def mate_lengths(loop: ExplorationLoop) -> FloatArray:
     is_met = reached_mates(loop)
     if costmap is not None and space is not None and is_met.any():
         paths = CoarsePaths(costmap, space)
-        places = np.array([paths.place((x, y)) for x, y in candidate_places(loop).tolist()])
-        for mate in np.flatnonzero(is_met).tolist():
-            x, y = loop.mates[mate, :2].tolist()
-            lengths[mate] = paths.lengths_from(paths.place((x, y)), places)
+        places = paths.places(candidate_places(loop))
+        stands = paths.places(loop.mates[is_met, :2])
+        lengths[is_met] = [paths.lengths_from(cell, places) for cell in stands.tolist()]
     return lengths
 
 

@@ -70,9 +70,8 @@ class SelectivePilot(FrontierPilot):
             worth |= is_open
         # Frontiers share no cell, so the middle of each is its own.
         index_of = {one.middle: index for index, one in enumerate(loop.wanted)}
-        if (
-            self._may_stop and reached_mates(loop).all()
-        ):  # a robot that it can't get to stands behind more floor
+        # A robot that this one can't get to stands behind more floor.
+        if self._may_stop and reached_mates(loop).all():
             ways_on = loop.ways_on()
             if ways_on is not None:
                 ways_on = [one for one in ways_on if worth[index_of[one.middle]]]

@@ -14,6 +14,8 @@ OCCUPIED_CLASS = 2
 
 UNKNOWN_CLASS = 0
 
+RAYS = 72
+"""Directions in which the unknown in sight of a cell is looked for."""
 UNKNOWN_REGION = ("near", "far", "outside", "is_enclosed", "free", "occupied", "frontiers")
 """What is measured of the unknown region behind a frontier, flooded from it up to some distance, in coarse cells: those
 within a first distance and within the second, the share of these outside the box of what is known, 1 if the flood ended
@@ -175,15 +177,15 @@ def _seed_unknown_region(
 
 @kernel
 def unknown_by_ray(costs: ByteArray, row: int, col: int, max_range: float) -> FloatArray:
-    """Unknown area in sight of a cell in each direction, shape (72,) [cells^2].
+    """Unknown area in sight of a cell in each direction, shape (RAYS,) [cells^2].
 
     Ray i points i * 5 degrees clockwise from +x. It stands for its sector, so a cell at distance r counts r
     times the angle between two rays. It ends at a lethal cell; beyond the costmap all is unknown.
     """
     height, width = costs.shape
-    step = 2.0 * np.pi / 72
-    areas = np.zeros(72)
-    for i in range(72):
+    step = 2.0 * np.pi / RAYS
+    areas = np.zeros(RAYS)
+    for i in range(RAYS):
         dr = np.sin(i * step)
         dc = np.cos(i * step)
         for r in range(1, int(max_range) + 1):
@@ -201,8 +203,8 @@ def unknown_by_ray(costs: ByteArray, row: int, col: int, max_range: float) -> Fl
 
 @kernel
 def unknown_by_rays(costs: ByteArray, cells: IntArray, max_range: float) -> FloatArray:
-    """:func:`unknown_by_ray` of several cells (N, 2), shape (N, 72)."""
-    areas = np.empty((len(cells), 72))
+    """:func:`unknown_by_ray` of several cells (N, 2), shape (N, RAYS)."""
+    areas = np.empty((len(cells), RAYS))
     for i in range(len(cells)):
         areas[i] = unknown_by_ray(costs, cells[i, 0], cells[i, 1], max_range)
     return areas

@@ -248,6 +248,7 @@ def _fit_line(grid: np.ndarray, pieces: np.ndarray, number: int, row: int, col: 
             own.mean_y = mean_y
             own.normal_x = -math.sin(along)
             own.normal_y = math.cos(along)
+            # A line takes two of the points' freedoms: few points lie near theirs by chance.
             own.variance = narrow * n / (n - 2.0)
             own.state = LINE
             return

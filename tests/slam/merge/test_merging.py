@@ -21,17 +21,7 @@ MIRRORED = FLAT * [-1.0, 1.0, -1.0, 1.0]
 # The same rooms with the door at the other end of an inner wall, and a way through it.
 UPSTAIRS = np.array(FLAT)
 UPSTAIRS[8:10] = [(3.0, 0.0, 3.0, 3.6), (3.0, 4.6, 3.0, 5.0)]
-UP = [
-    (7.2, 0.8),
-    (3.8, 0.8),
-    (4.7, 2.4),
-    (4.7, 3.8),
-    (6.8, 3.6),
-    (4.7, 3.6),
-    (3.5, 4.1),
-    (2.3, 4.1),
-    (2.3, 1.5),
-]
+UP = [*THERE[:6], (3.5, 4.1), (2.3, 4.1), (2.3, 1.5)]
 DRIVES = {
     "here": (FLAT, HERE),
     "there": (FLAT, THERE),
