@@ -23,7 +23,8 @@ from slamgym.core.progress import say
 from slamgym.core.types import FREE, BoolArray, GridFrame
 from slamgym.drawing import make_drawing
 from slamgym.drawing.evidence import filled, filled_patch
-from slamgym.drawing.formats.gazebo import OUTER_WALL, standing_bodies
+from slamgym.drawing.formats.gazebo import standing_bodies
+from slamgym.drawing.settings import OUTER_WALL
 from slamgym.interop import read_ros_map
 from slamgym.sim.raycast import cast_rays
 

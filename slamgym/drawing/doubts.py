@@ -8,7 +8,6 @@ import shapely
 from slamgym.core.progress import counted
 from slamgym.core.types import FREE, OccupancyGrid
 from slamgym.drawing.drawing import Drawing
-from slamgym.drawing.settings import SEEN_SHARE
 from slamgym.metrics.maps import distance_to
 from slamgym.metrics.wall_direction import WallDirection
 
@@ -18,6 +17,8 @@ SMALLEST_FLOOR = 8.0
 """A map of a building shows more floor than this [m2]."""
 MUCH_UNSEEN = 0.15
 """Share of the floor."""
+MUCH_INFERRED = 0.5
+"""Share of the walls' length."""
 MUCH_LEFT_OUT = 0.02
 """Share of the seen floor that isn't left out without a word. Of 57 real maps 16 lose more besides named patches."""
 MOST_LEFT_OUT = 5
@@ -66,7 +67,7 @@ def find_doubts(drawing: Drawing, direction: WallDirection | None) -> Iterator[s
         )
     length = sum(wall.length for wall in drawing.walls)
     inferred = sum(wall.length for wall in drawing.walls if wall.layer == "INFERRED")
-    if inferred > (1.0 - SEEN_SHARE) * length:
+    if inferred > MUCH_INFERRED * length:
         yield f"{inferred / length:.0%} of the walls' length is inferred: few walls were seen"
     if len(drawing.floor.geoms) > 1:
         yield f"the floor falls into {len(drawing.floor.geoms)} parts that no opening joins"

@@ -15,6 +15,11 @@ NARROWEST_CUT = 0.1
 """Least width of what parts two rooms [m]."""
 THICKEST_WALL = 0.5
 """Two faces farther apart aren't those of one wall [m]."""
+WALL_HEIGHT = 2.5
+"""Height of walls and rooms, usual in homes [m]; a map has no heights."""
+OUTER_WALL = 0.2
+"""In a robot's map and world all is wall so far round the floor [m]: the walls between two rooms are whole, those
+to the outside so thick."""
 OUTER_THICKNESS = 0.1
 """Walls of which only one face was seen are drawn so thick [m]."""
 SEEN_SHARE = 0.5

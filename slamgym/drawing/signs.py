@@ -24,7 +24,7 @@ Signs = dict[str, FloatArray]
 """Values of N lines, (N,), by the names of the signs."""
 
 JOINED_UP_TO = 0.05
-"""Finer cells are joined up to this size; places so near to an occupied cell are on it [m]."""
+"""Finer cells are joined up to this size [m]."""
 PLAIN_WATERSHED = (1.1, 1.0, 1.1)
 """Rooms are what is farther than 0.55 m from everything, and what flows there; cf.
 :func:`~slamgym.metrics.rooms.label_rooms`."""
@@ -43,6 +43,8 @@ BEYOND = ((0.0, 0.3), (0.3, 0.8), (0.8, 1.5))
 """Stretches behind a line's ends in which its wall is looked for [m]."""
 ASIDE = (0.05 * np.arange(-5, 6)).astype(np.float64)
 """A wall may lie so far beside the line that it continues [m]."""
+ON_ECHO = 0.05
+"""Places so near to an occupied cell are on it [m]."""
 DOOR_SIGNS = ("door, least", "door, mean")
 """Those that a network gives."""
 DOOR_REACH = 0.1
@@ -191,7 +193,7 @@ def _walls(lines: _Lines, around: Surroundings) -> Signs:
     """Whether walls go on behind the ends: the best row of echoes nearby, and what isn't free."""
     signs: Signs = {}
     for stretch in BEYOND:
-        rows = around.at(around.to_echo, lines.beyond(stretch, ASIDE), math.inf) <= JOINED_UP_TO
+        rows = around.at(around.to_echo, lines.beyond(stretch, ASIDE), math.inf) <= ON_ECHO
         solid = around.at(around.free, lines.beyond(stretch, np.zeros(1))) <= 0.0
         name = f"from {stretch[0]} to {stretch[1]} m"
         signs |= _both(f"wall {name}", rows.mean(axis=2).max(axis=2))

@@ -7,12 +7,10 @@ from shapely import Polygon
 
 from slamgym.cad.polygons import polygon_parts
 from slamgym.drawing.drawing import Drawing
-from slamgym.drawing.formats.ifc import WALL_HEIGHT
+from slamgym.drawing.settings import OUTER_WALL, WALL_HEIGHT
 
 THING_HEIGHT = 0.5
 """Of what stands in the rooms [m]: above the scanners of small robots; a map says nothing of it."""
-OUTER_WALL = 0.2
-"""Round the floor all is wall so far [m]: the walls between two rooms are whole, those to the outside so thick."""
 SYSTEMS = {
     "gz-sim-physics-system": "gz::sim::systems::Physics",
     "gz-sim-user-commands-system": "gz::sim::systems::UserCommands",

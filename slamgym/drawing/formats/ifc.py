@@ -18,9 +18,8 @@ from slamgym.cad.polygons import polygon_parts
 from slamgym.core.types import FloatArray
 from slamgym.drawing.drawing import Drawing, DrawnDoor, DrawnPoint, DrawnRoom, DrawnWall
 from slamgym.drawing.formats.straight_walls import TOUCHING, straight_walls
+from slamgym.drawing.settings import WALL_HEIGHT
 
-WALL_HEIGHT = 2.5
-"""Height of walls and rooms, usual in homes [m]; a map has no heights."""
 DOOR_HEIGHT = 2.1
 """Height of doors and openings, usual in homes [m]."""
 SLAB = 0.2

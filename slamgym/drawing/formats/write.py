@@ -9,8 +9,7 @@ from slamgym.core.files import write_text
 from slamgym.core.types import UNKNOWN, GridFrame, OccupancyGrid
 from slamgym.drawing.drawing import Drawing
 from slamgym.drawing.evidence import filled
-from slamgym.drawing.formats.gazebo import OUTER_WALL
-from slamgym.drawing.settings import DRAWING_FORMATS
+from slamgym.drawing.settings import DRAWING_FORMATS, OUTER_WALL
 
 
 def write_drawing(drawing: Drawing, stem: Path | str, formats: Sequence[str]) -> list[Path]:
