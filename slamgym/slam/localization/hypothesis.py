@@ -13,7 +13,7 @@ import numpy as np
 
 from slamgym.core.geometry import wrap_angle
 from slamgym.core.portable import inverted
-from slamgym.core.types import FloatArray, Pose2D
+from slamgym.core.types import Float32Array, FloatArray, Pose2D
 from slamgym.slam.config import LocalizationConfig
 from slamgym.slam.graph.alignment import AlignmentTarget
 from slamgym.slam.graph.relative import match_with, moved_by
@@ -28,11 +28,15 @@ ALIGNED_FIT = 0.3
 CERTAIN_WEIGHT = 0.95
 """A place leads while it holds so much of all weight."""
 CERTAIN_FIT = 0.7
-"""A place is believed for the first time if it explains so many of the beams, while it leads and at the end."""
+"""A place is believed for the first time if it explains so many of the beams, while it leads and at the end ..."""
+PATIENT_FIT = 0.5
+"""... or so many after :data:`PATIENCE` times the usual distance: much of the furniture was moved."""
+PATIENCE = 2.0
 FIELD_FLOOR = (0.025, 0.025, 0.005)
 """No pose on a map of cells of 5 cm is known better than to half of one [m], [m], [rad]."""
-MINIMUM_FIT = 0.6
-"""A place that explains a smaller share of the latest scans' beams isn't the robot's."""
+MINIMUM_FIT = 0.45
+"""A place that explains a smaller share of the latest scans' beams isn't the robot's. Where furniture was moved the
+right one has less than 0.6 for 5 % of the way, and less than this hardly ever."""
 WIDE_SPREAD = 0.15
 """A place with a larger standard deviation isn't known [m]."""
 
@@ -43,6 +47,8 @@ class Hypothesis:
 
     pose: FloatArray  # (3,)
     covariance: FloatArray  # (7, 7) of the pose and the odometry's systematic errors
+    missed: Float32Array
+    """Beams that it didn't explain, by their places; see :func:`slamgym.slam.localization.known_map.explain_scan`."""
     log_weight: float = 0.0  # relative to the others
     fit: float = 1.0
     """Share of the beams explained, a mean over the latest scans."""
@@ -58,9 +64,11 @@ class Hypothesis:
     """Of the odometry, see :mod:`slamgym.slam.graph.wheels`."""
 
     @staticmethod
-    def around(pose: FloatArray, spread: tuple[float, float, float]) -> "Hypothesis":
-        """A place known to within standard deviations [m], [m], [rad]."""
-        return Hypothesis(pose, np.diag(np.square([*spread, *SPREADS])))
+    def around(
+        pose: FloatArray, spread: tuple[float, float, float], missed: Float32Array
+    ) -> "Hypothesis":
+        """A place known to within standard deviations [m], [m], [rad], and what it has missed."""
+        return Hypothesis(pose, np.diag(np.square([*spread, *SPREADS])), missed)
 
     def inherit(self, other: "Hypothesis") -> None:
         """Take over what is known of a place that turns out to be this one."""
@@ -90,7 +98,8 @@ class Hypothesis:
         if placed.fit < ALIGNED_FIT:
             return
         map_frame = np.zeros((1, 3))
-        match = match_with(map_frame, 0, 0, placed.pose, placed.equations.sums[0], 1)
+        sums = placed.equations.sums.sum(axis=0)
+        match = match_with(map_frame, 0, 0, placed.pose, sums, 1)
         measured = inverted(match.information + np.eye(3))
         gain = self.covariance[:, :3] @ inverted(own + measured)
         error = match.measured - self.pose
@@ -162,9 +171,11 @@ def _state_of(
         return "lost" if best.was_sure else "searching"
     if not is_alone:
         return "ambiguous"
-    if best.led < best.proof * config.confirm_distance:
+    usual = best.proof * config.confirm_distance
+    if best.led < usual:
         return "searching"
     explained = min(best.explained, best.fit * best.led)
-    if best.was_sure or explained >= CERTAIN_FIT * best.led:
+    least = PATIENT_FIT if best.led >= PATIENCE * usual else CERTAIN_FIT
+    if best.was_sure or explained >= least * best.led:
         return "localised"
     return "searching"

@@ -16,9 +16,16 @@ from slamgym.slam.graph.alignment import AlignmentTarget
 from slamgym.slam.graph.submaps import SUBMAP_CELL, known_submap, known_surfaces
 from slamgym.slam.hit_count_kernels import BeamTable
 
-MISS_NATS = 0.126
-"""Evidence against a pose of a beam that the map doesn't explain: AMCL's beam model, taken to the power of 0.03, as
-neighbouring beams and successive scans err together (Thrun et al. 2005, section 6.3.4)."""
+MISS_NATS = 0.25
+"""Evidence against a pose of a beam that the map doesn't explain: AMCL's beam model, taken to the power of 0.06, as
+neighbouring beams err together (Thrun et al. 2005, section 6.3.4). Chosen with :data:`MOST_MISSED`."""
+MOST_MISSED = 8.0
+"""So many beams count at one place, however long it is seen: a cupboard that was moved is one error, not one a scan.
+Chosen with four homes and eight days in two more; see docs/localization.md for others."""
+PLACE_CELL = 0.2
+"""Size of such a place [m]."""
+PLACES_ROUND = 20
+"""So many places round the map count, too."""
 FIT_DISTANCE = 0.2
 """An end point that lies so near to a surface is explained; its squared distance speaks against the pose, as a Gaussian
 of 8 cm does [m]."""
@@ -83,19 +90,36 @@ class KnownMap:
         self.floors = maxima(is_free.astype(np.uint8), LEVELS)
         """Maxima of where a robot may stand, in the same cells."""
 
+    def no_misses(self) -> Float32Array:
+        """Beams counted at each place of the map (rows, cols) before any scan."""
+        extent = np.array(self.field.distance.shape) * self.field.cell
+        rows, cols = np.ceil(extent / PLACE_CELL).astype(int) + 2 * PLACES_ROUND
+        return np.zeros((rows, cols), np.float32)
+
+    def are_beyond(self, points: FloatArray) -> BoolArray:
+        """True (n,) for points (n, 2) [m] where the map knows nothing, away from its surfaces."""
+        field = self.field
+        cols, rows = np.floor((points - field.corner) / field.cell).astype(np.int64).T
+        height, width = field.is_unknown.shape
+        inside = (rows >= 0) & (cols >= 0) & (rows < height) & (cols < width)
+        at = rows[inside], cols[inside]
+        beyond = ~inside
+        beyond[inside] = field.is_unknown[at] & (field.distance[at] > FIT_DISTANCE)
+        return beyond
+
 
 @kernel
-def _is_clear(
+def _clear_length(
     field: SurfaceField, x: float, y: float, across: float, up: float, length: float
-) -> bool:
-    """Return True if a ray meets no surface for so long [m]; each step is as long as nothing is near."""
+) -> float:
+    """How far a ray meets no surface [m], infinite if none for so long; each step is as long as nothing is near."""
     driven = 0.0
     while driven < length:
         away, _ = _distance_at(field, x + driven * across, y + driven * up)
         if away < 0.5 * field.cell:
-            return False
+            return driven
         driven += max(away - field.cell, 0.5 * field.cell)
-    return True
+    return math.inf
 
 
 @kernel
@@ -119,6 +143,7 @@ def explain_scan(
     beams: BeamTable,
     step: int,
     excuses: bool,
+    missed: Float32Array,
 ) -> tuple[float, float]:
     """Measure how well a map explains a scan from a pose.
 
@@ -129,9 +154,10 @@ def explain_scan(
         beams: The scanner.
         step: Every so many beams are looked at.
         excuses: True if what lies where the map knows nothing speaks neither for nor against the pose.
+        missed: (rows, cols) beams counted before at each place, see :meth:`KnownMap.no_misses`; receives these.
 
     Returns:
-        Evidence against the pose in nats. And the share of the beams that end near a surface with none in between, of
+        New evidence against the pose in nats. And the share of the beams that end near a surface with none in between, of
         those that return, or should, where the map is known; negative if too few of them end there.
     """
     field = SurfaceField(*field)
@@ -141,30 +167,50 @@ def explain_scan(
     x0 = pose[0] + cos * beams.mount[0] - sin * beams.mount[1]
     y0 = pose[1] + sin * beams.mount[0] + cos * beams.mount[1]
     explained = 0
-    missed = 0
+    unexplained = 0
     unknown = 0
-    near = 0.0
+    news = 0.0
     for i in range(0, len(ranges), step):
         r = ranges[i]
+        is_returned = r <= beams.usable and r < beams.range_max
+        if not (r >= beams.range_min and (is_returned or beams.no_return_clears)):
+            continue
         across = cos * beams.directions[i, 0] - sin * beams.directions[i, 1]
         up = sin * beams.directions[i, 0] + cos * beams.directions[i, 1]
-        if r > beams.usable or r >= beams.range_max:
-            # Something should have returned it.
-            length = TRACE_SHARE * beams.usable
-            if beams.no_return_clears and not _is_clear(field, x0, y0, across, up, length):
-                missed += 1
-        elif r >= beams.range_min:
-            away, is_unknown = _distance_at(field, x0 + r * across, y0 + r * up)
-            is_clear = _is_clear(field, x0, y0, across, up, r - TRACE_MARGIN)
-            if is_clear and away <= FIT_DISTANCE:
-                explained += 1
-                near += (away / FIT_DISTANCE) ** 2
-            elif is_clear and is_unknown and excuses:
-                unknown += 1
-            else:
-                missed += 1
-    against = MISS_NATS * (missed + near)
-    known = explained + missed
+        length = r - TRACE_MARGIN if is_returned else TRACE_SHARE * beams.usable
+        clear = _clear_length(field, x0, y0, across, up, length)
+        is_clear = clear == math.inf
+        if is_clear and not is_returned:
+            continue
+        x = x0 + min(clear, r) * across
+        y = y0 + min(clear, r) * up
+        away, is_unknown = _distance_at(field, x, y)
+        miss = 1.0
+        if is_clear and away <= FIT_DISTANCE:
+            explained += 1
+            miss = (away / FIT_DISTANCE) ** 2
+        elif is_clear and is_unknown and excuses:
+            unknown += 1
+            continue
+        else:
+            unexplained += 1
+        news += _newly_missed(missed, field, x, y, miss)
+    known = explained + unexplained
     if known > LEAST_KNOWN * (known + unknown):
-        return against, explained / known
-    return against, -1.0
+        return MISS_NATS * news, explained / known
+    return MISS_NATS * news, -1.0
+
+
+@kernel
+def _newly_missed(
+    missed: Float32Array, field: SurfaceField, x: float, y: float, miss: float
+) -> float:
+    """Count a beam that misses, or part of one, at a point; returns how much of it counts."""
+    rows, cols = missed.shape
+    col = math.floor((x - field.corner[0]) / PLACE_CELL) + PLACES_ROUND
+    row = math.floor((y - field.corner[1]) / PLACE_CELL) + PLACES_ROUND
+    col = min(max(col, 0), cols - 1)
+    row = min(max(row, 0), rows - 1)
+    counted = min(miss, MOST_MISSED - missed[row, col])
+    missed[row, col] += counted
+    return float(counted)

@@ -18,6 +18,7 @@ from slamgym.slam.end_points import usable_end_points
 from slamgym.slam.graph.mapper import FEW_POINTS
 from slamgym.slam.graph.submaps import sides_of
 from slamgym.slam.graph.wheels import WheelCalibration
+from slamgym.slam.localization.beyond import SurfacesBeyond
 from slamgym.slam.localization.global_search import is_same
 from slamgym.slam.localization.hypothesis import FIT_MEMORY, Belief, Hypothesis, believe
 from slamgym.slam.localization.known_map import KnownMap
@@ -62,10 +63,12 @@ class MapLocalizer(Mapper):
         super().__init__(config, geometry, THRESHOLDS)
         self._settings = settings = config.localization
         self._known_map = KnownMap(finished)
+        self._beyond = SurfacesBeyond(self._known_map)
         self._wheels = WheelCalibration()
         self._hypotheses: list[Hypothesis] = []
         if settings.start == "known":
-            first = Hypothesis.around(np.array(initial_pose, dtype=np.float64), START_SPREAD)
+            pose = np.array(initial_pose, dtype=np.float64)
+            first = Hypothesis.around(pose, START_SPREAD, self._known_map.no_misses())
             first.led = math.inf
             first.was_sure = True
             self._hypotheses.append(first)
@@ -141,6 +144,10 @@ class MapLocalizer(Mapper):
         self.belief = believe(
             scan.stamp, driven, self._hypotheses, self.belief.pose, self._settings
         )
+        if self.belief.state == "localised":
+            self._beyond.draw(np.array(self.belief.pose), cloud)
+        elif not any(hypothesis.was_sure for hypothesis in self._hypotheses[:1]):
+            self._beyond.clear()
         if was_localised and self.belief.state != "localised":
             self._seeker.forget()
 
@@ -150,10 +157,13 @@ class MapLocalizer(Mapper):
         points = np.ascontiguousarray(cloud[::stride, :2])
         sides = np.ascontiguousarray(cloud[::stride, 2:])
         for hypothesis in self._hypotheses:
-            hypothesis.align(self._known_map.surfaces, points, sides)
             # A place that was sure may lead out of the map; one that is sought must lie on it.
             excuses = hypothesis.was_sure
-            against, fit = self._seeker.evidence(hypothesis.pose, scan.ranges, excuses)
+            seen = self._beyond if excuses else self._known_map
+            hypothesis.align(seen.surfaces, points, sides)
+            against, fit = self._seeker.evidence(
+                hypothesis.pose, scan.ranges, excuses, hypothesis.missed
+            )
             hypothesis.log_weight -= against
             if fit >= 0.0:
                 hypothesis.fit += FIT_MEMORY * (fit - hypothesis.fit)

@@ -89,11 +89,11 @@ class Seeker:
         self._searched = -math.inf
 
     def evidence(
-        self, pose: FloatArray, ranges: Float32Array, excuses: bool
+        self, pose: FloatArray, ranges: Float32Array, excuses: bool, missed: Float32Array
     ) -> tuple[float, float]:
         """Evidence of a scan against a pose (3,), and its fit; see :func:`explain_scan`."""
         return explain_scan(
-            plain(self._known.field), pose, ranges, self._beams, self._step, excuses
+            plain(self._known.field), pose, ranges, self._beams, self._step, excuses, missed
         )
 
     def find(self, hypotheses: Sequence[Hypothesis], is_localised: bool) -> list[Hypothesis]:
@@ -120,7 +120,7 @@ class Seeker:
             placed = self._known.surfaces.align(points, sides, place, place, unknown)
             if is_same(rivals, placed.pose).any():
                 continue
-            new = Hypothesis.around(placed.pose, SEED_SPREAD)
+            new = Hypothesis.around(placed.pose, SEED_SPREAD, self._known.no_misses())
             if hypotheses:
                 self._compare(new, hypotheses[0])
             found.append(new)
@@ -128,8 +128,8 @@ class Seeker:
 
     def _compare(self, new: Hypothesis, best: Hypothesis) -> None:
         """Give a new place its weight, and what it must prove."""
-        against_new = self._remembered(new.pose, excuses=False)
-        against_best = self._remembered(best.pose, excuses=best.was_sure)
+        against_new = self._remembered(new.pose, False, new.missed)
+        against_best = self._remembered(best.pose, best.was_sure, self._known.no_misses())
         known = inverted(best.covariance[:3, :3])
         jump = min(0.5 * chi_squared(new.pose, best.pose, known), JUMP_COST)
         new.log_weight = best.log_weight - max(against_new - against_best, 0.0)
@@ -158,13 +158,13 @@ class Seeker:
         kept = cloud[np.sort(first_in_cell)[spread]]
         return np.ascontiguousarray(kept[:, :2]), np.ascontiguousarray(kept[:, 2:])
 
-    def _remembered(self, pose: FloatArray, excuses: bool) -> float:
+    def _remembered(self, pose: FloatArray, excuses: bool, missed: Float32Array) -> float:
         """Evidence of some of the latest scans against a pose (3,) of the robot now."""
         step = math.ceil(len(self._scans) / MOST_SCANS_COUNTED)
         total = 0.0
         for scan in self._scans[::-step]:
             then = moved_by(pose, seen_from(self._pose, scan.pose))
-            against, _ = self.evidence(then, scan.ranges, excuses)
+            against, _ = self.evidence(then, scan.ranges, excuses, missed)
             total += against
         return total
 
