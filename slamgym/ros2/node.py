@@ -39,6 +39,8 @@ SENSOR = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Of sensors' data, which may get lost."""
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Of topics whose last message late subscribers get, too."""
+FIXED_FRAMES = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""Of a subscription to /tf_static, which has many publishers, each with a last message: as tf2_ros has it."""
 PATIENCE = 3.0
 """A node says what it waits for after so long [s]."""
 

@@ -14,7 +14,7 @@ from sensor_msgs.msg import LaserScan
 from slamgym.core.types import Twist2D
 from slamgym.interop.ros_messages import Fields, stamp_of
 from slamgym.ros2.frames import RobotFrames
-from slamgym.ros2.node import LATCHED, RELIABLE, SENSOR, RosNode, TFMessage, fill
+from slamgym.ros2.node import FIXED_FRAMES, LATCHED, RELIABLE, SENSOR, RosNode, TFMessage, fill
 from slamgym.ros2.stamps import StampGate
 
 
@@ -35,7 +35,7 @@ def listen_to_odometry(node: RosNode, frames: RobotFrames, then: Callable[[], No
     if TFMessage:
         node.listen(TFMessage, "/tf", functools.partial(take_transforms, static=False), SENSOR)
         node.listen(
-            TFMessage, "/tf_static", functools.partial(take_transforms, static=True), LATCHED
+            TFMessage, "/tf_static", functools.partial(take_transforms, static=True), FIXED_FRAMES
         )
 
 
