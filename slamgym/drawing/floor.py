@@ -124,6 +124,7 @@ def floor_of_rooms(
     free = np.where(opened, np.maximum(free, faces_within_cells(seen)), free)
     floor = (free >= 0.5) & ~_thin_walls(seen, rooms, cell)
     floor &= ~_doubted(free, floor, seen, known, rooms, cell)
+    floor &= ~_open_rooms(rooms, distance_to(echoes) <= SEEN_WITHIN / cell)
     return without(free, (free >= 0.5) & ~floor)
 
 
@@ -139,12 +140,28 @@ def _rejected_rooms(
 def _patches(cells: BoolArray, known: BoolArray) -> tuple[IntArray, FloatArray]:
     """Number connected cells, 0 the others; and the share of the known among the cells round each patch."""
     count, labels = cv2.connectedComponents(cells.astype(np.uint8), connectivity=4)
-    around = np.where(cells, 0, _widened(labels, 1))
+    return labels, _shares_around(labels, count, known)
+
+
+def _shares_around(labels: IntArray, count: int, known: BoolArray) -> FloatArray:
+    """Share of the known among the cells round each of ``count`` patches; 0 for number 0."""
+    around = np.where(labels > 0, 0, _widened(labels, 1))
     sizes = np.bincount(around.ravel(), minlength=count)
     known_around = np.bincount(around.ravel(), known.ravel(), count)
     shares = known_around / np.maximum(sizes, 1)
     shares[0] = 0.0
-    return labels, shares
+    return shares
+
+
+def _open_rooms(rooms: IntArray, walls: BoolArray) -> BoolArray:
+    """Rooms, except the largest, of whose border less than half is walls: what a beam saw through glass or a gap."""
+    count = int(rooms.max()) + 1
+    is_open = _shares_around(rooms, count, walls) < 0.5
+    sizes = np.bincount(rooms.ravel())
+    sizes[0] = 0
+    is_open[sizes.argmax()] = False
+    is_open[0] = False
+    return is_open[rooms]
 
 
 def _widened(labels: IntArray, reach: int) -> IntArray:

@@ -23,6 +23,11 @@ def hall():
     return cells
 
 
+def walls_of_hall():
+    """Where the echoes around the hall are."""
+    return np.asarray(hall() == OCCUPIED)
+
+
 def seen(cells):
     return seen_space(OccupancyGrid(cells, GridFrame(CELL, 0.0, 0.0, *cells.shape)))
 
@@ -58,7 +63,7 @@ def parted_hall():
 
 def test_rooms_that_the_map_parts_stay_parted_whatever_the_model_says():
     rooms = parted_hall()
-    floor = drawn(np.ones(rooms.shape), rooms)
+    floor = drawn(np.ones(rooms.shape), rooms, echoes=walls_of_hall())
     assert floor[12:68, 12:46].all()
     assert floor[12:68, 54:88].all()
     assert (~floor[12:68, 46:54]).any(axis=1).all()  # slits of 20 cm are wall
@@ -67,7 +72,7 @@ def test_rooms_that_the_map_parts_stay_parted_whatever_the_model_says():
 def test_rooms_meet_in_a_door_only():
     rooms = parted_hall()
     rooms[30:48, 48:50], rooms[30:48, 50:52] = 1, 2
-    floor = drawn(np.ones(rooms.shape), rooms)
+    floor = drawn(np.ones(rooms.shape), rooms, echoes=walls_of_hall())
     assert floor[32:46, 44:56].all()
     assert (~floor[12:26, 44:56]).any(axis=1).all()
 
@@ -118,3 +123,21 @@ def test_floor_that_nobody_saw_between_two_rooms_is_not_drawn():
     rooms = parted_hall()
     rooms[:, 36:64] = 0
     assert not drawn(np.ones(rooms.shape), rooms)[12:68, 42:58].any()
+
+
+@pytest.mark.parametrize(("walls", "is_drawn"), [(slice(10, 70), True), (slice(10, 20), False)])
+def test_a_room_of_which_less_than_half_has_walls_was_seen_through_glass(walls, is_drawn):
+    rooms = np.zeros((80, 100), np.int64)
+    rooms[10:70, 10:60], rooms[30:50, 60:90] = 1, 2
+    echoes = np.zeros(rooms.shape, np.bool_)
+    echoes[walls, 60:90] = rooms[walls, 60:90] == 0
+    floor = drawn(np.ones(rooms.shape), rooms, echoes=echoes)
+    assert floor[12:68, 12:58].all()
+    assert floor[32:48, 64:88].all() == is_drawn
+    assert floor[32:48, 64:88].any() == is_drawn
+
+
+def test_the_largest_room_is_drawn_without_any_walls():
+    rooms = np.zeros((80, 100), np.int64)
+    rooms[10:70, 10:90] = 1
+    assert drawn(np.ones(rooms.shape), rooms, echoes=rooms < 0)[12:68, 12:88].all()
