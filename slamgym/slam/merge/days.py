@@ -2,17 +2,28 @@
 
 A cell that one drive saw occupied and a later one free, or the other way, has changed: what was counted before says
 nothing any more. What is gone goes at once. What comes where floor was free is drawn once a second drive has seen it:
-it may be a person. Where drives agree all count together.
+it may be a person. Where drives agree all count together, but for the smears that a worse laser leaves beside a wall.
 """
 
 import cv2
 import numpy as np
 
-from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, OccupancyGrid
+from slamgym.core.types import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    BoolArray,
+    ByteArray,
+    IntArray,
+    OccupancyGrid,
+)
 from slamgym.slam.graph.map_graph import MapGraph
+from slamgym.slam.hit_counts import HitCountMap
 
 BESIDE_SURFACE = 0.1
 """A cell so near to a surface isn't free of it [m]: drives join to within some centimetres."""
+ADJOINING: ByteArray = np.ones((3, 3), np.uint8)
+"""Floor in the cells next to a wall's is the floor that the wall was seen from."""
 
 
 def draw_days(graph: MapGraph) -> OccupancyGrid:
@@ -25,8 +36,46 @@ def draw_days(graph: MapGraph) -> OccupancyGrid:
         day.cover(whole.box)
     votes = np.stack([_vote(day.classified(), day.resolution) for day in days])
     counts = np.stack([day.counts for day in days])
-    whole.counts[:] = np.where(count_now(votes)[..., None], counts, 0).sum(axis=0)
+    is_counted = count_now(votes)
+    is_counted &= ~are_smears(days, is_counted)
+    whole.counts[:] = np.where(is_counted[..., None], counts, 0).sum(axis=0)
     return whole.occupancy_grid()
+
+
+def are_smears(days: list[HitCountMap], is_counted: BoolArray) -> BoolArray:
+    """Which cells' counts a sharper drive makes worthless.
+
+    A wall beside one of a sharper drive is that wall smeared, unless it is seen from floor that the other doesn't know.
+    Without this the walls of two merged drives are 1.48 times as bad as the better one's, with it 1.24 (6 homes; tried
+    before on 6 others, 1.11 and 1.00).
+
+    Args:
+        days: The drives, on the same cells.
+        is_counted: (drives, rows, cols) where they still count.
+
+    Returns:
+        Shape (drives, rows, cols).
+    """
+    cells = np.stack([day.classified() for day in days])
+    smeared = np.zeros(cells.shape, dtype=bool)
+    is_known = np.zeros(cells.shape[1:], dtype=bool)
+    is_beside = is_known.copy()
+    for number in np.argsort([-sharpness(day.counts) for day in days], kind="stable").tolist():
+        is_wall = (cells[number] == OCCUPIED) & is_counted[number]
+        is_new = (cells[number] == FREE) & ~is_known
+        faces_new = cv2.dilate(is_new.astype(np.uint8), ADJOINING) > 0
+        smeared[number] = is_wall & is_beside & ~faces_new
+        is_known |= cells[number] != UNKNOWN
+        is_beside |= _beside(is_wall & ~smeared[number], days[number].resolution)
+    return smeared
+
+
+def sharpness(counts: IntArray) -> float:
+    """Share of the hits of a drive (rows, cols, 2) that another beam there confirms: thin walls have much."""
+    hits = counts[..., 0].astype(np.float64)
+    others = np.maximum(counts[..., 1] - 1.0, 1.0)
+    confirmed = hits * np.maximum(hits - 1.0, 0.0) / others
+    return float(confirmed.sum() / max(hits.sum(), 1.0))
 
 
 def _vote(cells: ByteArray, resolution: float) -> ByteArray:
@@ -38,10 +87,14 @@ def _vote(cells: ByteArray, resolution: float) -> ByteArray:
 
 def are_clear(cells: ByteArray, resolution: float) -> BoolArray:
     """Free cells with no occupied one beside them."""
+    return np.asarray((cells == FREE) & ~_beside(cells == OCCUPIED, resolution))
+
+
+def _beside(surfaces: BoolArray, resolution: float) -> BoolArray:
+    """Cells on surfaces and beside them."""
     reach = round(BESIDE_SURFACE / resolution)
     around = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
-    beside = cv2.dilate((cells == OCCUPIED).astype(np.uint8), around)
-    return np.asarray((cells == FREE) & (beside == 0))
+    return np.asarray(cv2.dilate(surfaces.astype(np.uint8), around) > 0)
 
 
 def count_now(votes: ByteArray) -> BoolArray:
