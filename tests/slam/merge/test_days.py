@@ -11,8 +11,10 @@ from scipy.sparse.csgraph import connected_components
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
 from slamgym.slam import SlamConfig
 from slamgym.slam.graph.map_graph import joined_graph
+from slamgym.slam.hit_count_kernels import BeamTable
+from slamgym.slam.hit_counts import HitCountMap
 from slamgym.slam.merge.continuing import continue_map
-from slamgym.slam.merge.days import count_now, draw_days
+from slamgym.slam.merge.days import are_smears, count_now, draw_days, sharpness
 from slamgym.slam.merge.merging import Part
 from slamgym.slam.merge.thinning import KEPT_DRIVES, thinned
 from slamgym.slam.replay import replay
@@ -43,6 +45,34 @@ def test_drives_count_from_the_last_change_on(said, counting):
     spoken = votes[:, 0, 0] != UNKNOWN
     expected = np.array([letter == "y" for letter in counting])
     assert np.array_equal(counts[spoken], expected[spoken])
+
+
+def counted(row):
+    """A drive that saw one row of cells: letters as in SAID, or a share of hits in tenths."""
+    config = SlamConfig()
+    drawn = HitCountMap(BeamTable.of(drive(FLAT, HERE[:2])[0].geometry, config), config)
+    drawn.cover((0, 0, 1, len(row)))
+    for col, letter in enumerate(row):
+        hits = {"f": 0, "o": 10, ".": 0}.get(letter, letter)
+        drawn.counts[0, col] = int(hits), 0 if letter == "." else 10
+    drawn._dirty = drawn.box
+    return drawn
+
+
+def test_a_wall_that_a_worse_laser_smears_beside_a_sharper_one_is_left_out():
+    sharp, smeared = counted("ffffffo......"), counted("fffff4555....")
+    assert sharpness(sharp.counts) > sharpness(smeared.counts)
+    for drives in ([sharp, smeared], [smeared, sharp]):
+        are = are_smears(drives, np.ones((2, *sharp.counts.shape[:2]), dtype=bool))
+        left_out = {index for index, one in enumerate(are) if one.any()}
+        assert left_out == {drives.index(smeared)}
+        assert np.flatnonzero(are[drives.index(smeared)][0, :13]).tolist() == [5, 6, 7, 8]
+
+
+def test_the_other_face_of_a_thin_wall_is_no_smear():
+    sharp, other = counted("ffffffo......"), counted("........4ffff")
+    are = are_smears([sharp, other], np.ones((2, *sharp.counts.shape[:2]), dtype=bool))
+    assert not are.any()
 
 
 def box(x, y, side=0.5):

@@ -15,6 +15,7 @@ from slamgym.slam.graph.relative import seen_from
 from slamgym.slam.merge.drawing import Picture, paint
 from slamgym.slam.merge.merged import Merged, Refusal, merge_parts
 from slamgym.slam.merge.merging import Part
+from slamgym.slam.merge.overlay import agreement
 from slamgym.slam.replay import replay
 
 MIRRORED = FLAT * [-1.0, 1.0, -1.0, 1.0]
@@ -82,6 +83,23 @@ def test_what_does_not_belong_together_or_shows_too_little_is_refused(second):
     assert isinstance(refusal, Refusal)
     assert refusal.verdict.doubt
     assert refusal.part.name == second
+
+
+@pytest.mark.parametrize(
+    ("thing", "is_wall"),
+    [
+        ([(5.4, 1.0, 6.2, 1.0)], True),
+        ([(5.5, 1.0, 5.7, 1.0), (5.7, 1.0, 5.7, 1.2)], False),
+        ([(5.2, 1.0, 5.7, 1.0), (5.7, 1.0, 5.7, 1.5), (5.7, 1.5, 5.2, 1.5)], False),
+    ],
+)
+def test_a_wall_in_open_floor_contradicts_and_what_was_moved_does_not(thing, is_wall):
+    without = Part.of_picture("without", draw(FLAT, (1, 1)))
+    walls = np.vstack([FLAT, np.array(thing, dtype=np.float64)])
+    other = Part.of_picture("with", draw(walls, (1, 1)))
+    said = agreement(without.fields, other.fields, np.zeros(3), 0.1)
+    assert said.agreed > 20.0
+    assert (said.contradicted > 0.3) == is_wall
 
 
 def test_a_guess_is_made_where_it_is_asked_for_and_stays_in_doubt():
