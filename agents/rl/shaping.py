@@ -240,6 +240,8 @@ def _verdict(own: FloatArray, other: FloatArray, better: int) -> str:
     if min(len(own), len(other)) < 2 or not other.any():
         return "can't be told"
     ratio = crossed_ratio(own, other)
+    if not np.isfinite([ratio.low, ratio.high]).all():  # in some draws the other has none
+        return "can't be told"
     side = (ratio.low > 1.0) - (ratio.high < 1.0)
     word = {1: "better", -1: "worse", 0: "can't be told"}[better * side]
     return f"{word}: {with_bounds(ratio, 2)}"

@@ -155,7 +155,8 @@ def crossed_ratio(values: FloatArray, reference: FloatArray, seed: int = 0) -> I
 
     Args:
         values: Shape (runs, plans).
-        reference: Shape (other runs, the same plans), positive.
+        reference: Shape (other runs, the same plans), not negative; where some draws hold nothing but zeros the ends of
+            the interval aren't finite.
         seed: Of the resampling.
 
     Raises:
@@ -171,9 +172,10 @@ def crossed_ratio(values: FloatArray, reference: FloatArray, seed: int = 0) -> I
     plans = _draws(values.shape[1], rng)
     own_means = _drawn_means(values, plans, rng)
     reference_means = _drawn_means(reference, plans, rng)
-    return _percentile_interval(
-        float(values.mean() / reference.mean()), own_means / reference_means
-    )
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratios = own_means / reference_means
+        ratio = float(values.mean() / reference.mean())
+        return _percentile_interval(ratio, ratios)
 
 
 def _drawn_means(table: FloatArray, plans: FloatArray, rng: np.random.Generator) -> FloatArray:
