@@ -177,8 +177,8 @@ def judged(
     assert verdict is not None
     assert verdict.best is not None
     evidence, margin = verdict.best.evidence, verdict.best.evidence - verdict.rival
-    agreed, contradicted = verdict.best.agreement
-    said = (evidence, margin, agreed, contradicted)
+    agreement = verdict.best.agreement
+    said = (evidence, margin, agreement.agreed, agreement.contradicted)
     if not case.startswith(RIGHT_CASE):
         return Outcome(*said, np.inf, np.inf, np.nan, seconds)
     one, other = first.frame, compose(second.frame, inverse(merged.placed[1].pose))

@@ -38,6 +38,7 @@ class WallAgreement(NamedTuple):
 
     agreed: float  # wall on wall [m]
     contradicted: float  # wall in open floor [m]
+    moved: float  # what else stands in open floor [m]
 
 
 class FloorFields:
@@ -85,7 +86,7 @@ class FloorFields:
         return rows, cols
 
     def compare(self, surfaces: WallPieces, tolerance: float) -> FloatArray:
-        """Metres (2,) of surfaces on this floor's walls to within a tolerance [m], and on its open floor."""
+        """Metres (3,) of surfaces as :class:`WallAgreement` has them, to within a tolerance [m]."""
         rows, cols = self._cells(surfaces.points)
         height, width = self._is_open.shape
         is_inside = (rows >= 0) & (cols >= 0) & (rows < height) & (cols < width)
@@ -94,17 +95,17 @@ class FloorFields:
         away = self._away[faces, rows, cols]
         is_agreed = away <= tolerance
         is_apart = self._is_free[rows, cols] & ~is_agreed
-        count = self._count_open(rows[is_apart], cols[is_apart])
-        return SUBMAP_CELL * np.array([np.count_nonzero(is_agreed), count])
+        false, moved = self._count_open(rows[is_apart], cols[is_apart])
+        return SUBMAP_CELL * np.array([np.count_nonzero(is_agreed), false, moved])
 
-    def _count_open(self, rows: IntArray, cols: IntArray) -> int:
-        """Number of some cells on free floor that lie in the open and are parts of walls."""
+    def _count_open(self, rows: IntArray, cols: IntArray) -> tuple[int, int]:
+        """Numbers of some cells on free floor that lie in the open, those that are parts of walls and others."""
         apart: ByteArray = np.zeros(self._is_open.shape, np.uint8)
         apart[rows, cols] = 1
         _, pieces = cv2.connectedComponents(cv2.dilate(apart, BESIDE))
         numbers = pieces[rows, cols]
         is_open = self._is_open[rows, cols]
-        count = 0
+        walls = 0
         for number in np.unique(numbers[is_open]).tolist():
             is_own = numbers == number
             points = np.column_stack([cols[is_own], rows[is_own]]).astype(np.float32)
@@ -112,8 +113,8 @@ class FloorFields:
             length = self._cell * max(sides)
             width = self._cell * min(sides)
             if length >= LEAST_WALL and width <= max(MOST_THICK, MOST_WIDE * length):
-                count += int(np.count_nonzero(is_open & is_own))
-        return count
+                walls += int(np.count_nonzero(is_open & is_own))
+        return walls, int(np.count_nonzero(is_open)) - walls
 
 
 def agreement(

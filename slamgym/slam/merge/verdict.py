@@ -21,21 +21,23 @@ class Odds(NamedTuple):
 
     agreed: float  # evidence of a metre of wall on wall [nats]
     contradicted: float  # evidence against of a metre of wall in open floor [nats]
+    moved: float  # of a metre of what else stands there [nats]
     sure: float  # a joint is sure with so much evidence [nats] ...
     margin: float  # ... and so much more than any other place has
 
     def evidence(self, agreement: WallAgreement) -> float:
         """Evidence that two maps show one building at a place [nats]."""
-        agreed, contradicted = agreement
-        return self.agreed * agreed - self.contradicted * contradicted
+        agreed, contradicted, moved = agreement
+        against = self.contradicted * contradicted + self.moved * moved
+        return self.agreed * agreed - against
 
 
-UNKNOWN_BUILDINGS = Odds(agreed=0.16, contradicted=15.0, sure=5.5, margin=3.0)
+UNKNOWN_BUILDINGS = Odds(agreed=0.16, contradicted=15.0, moved=0.0, sure=5.5, margin=3.0)
 """Nothing is known of two maps: they may be of storeys of the same rooms. A wall in the other map's open floor is a
 door that only one of them has. In 21 buildings the right places have 8.0 nats and more but for one (3.5), mirror
 images, storeys and other buildings 2.7 at most: what is sure lies between. Moved things leave 26 nats to the halves of
 Freiburg 079."""
-SAME_BUILDING = Odds(agreed=0.16, contradicted=0.25, sure=4.0, margin=3.0)
+SAME_BUILDING = Odds(agreed=0.16, contradicted=0.25, moved=0.25, sure=4.0, margin=3.0)
 """Someone says that both are of one building: furniture may have been moved, but the other map needn't reach here. With
 all of it moved, 111 to 182 m of wall agree in three homes and 26 to 28 m contradict, more than between storeys, so a
 storey of the same rooms passes (5.8 to 18 nats in 4 buildings). In those, others have 1.4 nats at most, mirror images
@@ -74,7 +76,7 @@ def judge_joint(hypotheses: Sequence[Overlay], odds: Odds) -> JointVerdict:
         return JointVerdict(None, -np.inf, "nothing that one shows is seen on the other")
     best = ranked[0]
     rival = max((other.evidence for other in ranked[1:]), default=-np.inf)
-    agreed, contradicted = best.agreement
+    agreed, contradicted, _ = best.agreement
     doubt = ""
     if best.evidence < odds.sure:
         doubt = f"at the best place {agreed:.0f} m of wall agree and {contradicted:.1f} m contradict, as by chance"
