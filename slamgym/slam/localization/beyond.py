@@ -9,9 +9,9 @@ from slamgym.slam.graph.relative import seen_from
 from slamgym.slam.graph.submaps import SUBMAP_CELL, Submap
 from slamgym.slam.localization.known_map import KnownMap
 
-REACH = 30.0
+BEYOND_REACH = 30.0
 """The robot follows what it sees so far round the map [m]."""
-KEYFRAME = 0.2
+DRAWN_EVERY = 0.2
 """A scan is drawn after so much driving [m] or turning [rad]."""
 
 
@@ -41,7 +41,7 @@ class SurfacesBeyond:
             pose: (3,) of the robot.
             cloud: (n, 5) end points in the robot frame [m], and their sides.
         """
-        if np.abs(pose - self._drawn).max() < KEYFRAME:
+        if np.abs(pose - self._drawn).max() < DRAWN_EVERY:
             return
         self._drawn = pose
         points = transform_points(Pose2D(*pose.tolist()), cloud[:, :2])
@@ -51,7 +51,7 @@ class SurfacesBeyond:
         (known,) = self._known.surfaces.submaps
         if self._submap is None:
             half = 0.5 * SUBMAP_CELL * max(known.grid.shape[:2])
-            self._submap = Submap(0, half + REACH)
+            self._submap = Submap(0, half + BEYOND_REACH)
         points = np.ascontiguousarray(seen[:, :2])
         sides = np.ascontiguousarray(seen[:, 2:])
         self._submap.add(seen_from(self._frame, pose), points, sides)

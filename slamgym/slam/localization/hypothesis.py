@@ -30,8 +30,8 @@ CERTAIN_WEIGHT = 0.95
 CERTAIN_FIT = 0.7
 """A place is believed for the first time if it explains so many of the beams, while it leads and at the end ..."""
 PATIENT_FIT = 0.5
-"""... or so many after :data:`PATIENCE` times the usual distance: much of the furniture was moved."""
-PATIENCE = 2.0
+"""... or so many after :data:`PATIENT_FOR` times the usual distance: much of the furniture was moved."""
+PATIENT_FOR = 2.0
 FIELD_FLOOR = (0.025, 0.025, 0.005)
 """No pose on a map of cells of 5 cm is known better than to half of one [m], [m], [rad]."""
 MINIMUM_FIT = 0.6
@@ -181,7 +181,7 @@ def _state_of(
     if best.led < usual:
         return "searching"
     explained = min(best.explained, best.fit * best.led)
-    least = PATIENT_FIT if best.led >= PATIENCE * usual else CERTAIN_FIT
+    least = PATIENT_FIT if best.led >= PATIENT_FOR * usual else CERTAIN_FIT
     if best.was_sure or explained >= least * best.led:
         return "localised"
     return "searching"

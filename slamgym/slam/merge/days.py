@@ -23,7 +23,7 @@ from slamgym.slam.hit_counts import HitCountMap
 BESIDE_SURFACE = 0.1
 """A cell so near to a surface isn't free of it [m]: drives join to within some centimetres."""
 ADJOINING: ByteArray = np.ones((3, 3), np.uint8)
-"""Floor in the cells next to a wall's is the floor that the wall was seen from."""
+"""A cell and those next to it: a wall was seen from the floor that adjoins it."""
 
 
 def draw_days(graph: MapGraph) -> OccupancyGrid:

@@ -11,6 +11,7 @@ from slamgym.core.types import FREE, BoolArray, ByteArray, Float32Array, FloatAr
 from slamgym.slam.graph.alignment import FACES, AlignmentTarget
 from slamgym.slam.graph.relative import match_with, seen_from
 from slamgym.slam.graph.submaps import SUBMAP_CELL, Submap
+from slamgym.slam.merge.days import ADJOINING
 from slamgym.slam.merge.floor import Floor, WallPieces, faces_of
 
 FIELD_BORDER = 1.0
@@ -27,10 +28,6 @@ MOST_THICK = 0.3
 MOST_WIDE = 1.0 / 3.0
 """... than this share of its length, as walls have corners: what was moved is a heap. Both were chosen with 10 of 21
 buildings; the other 11 have no wrong pair, and both halves of Freiburg 079 are sure."""
-
-
-BESIDE: ByteArray = np.ones((3, 3), np.uint8)
-"""Pieces of one wall have no more than a cell or two between them."""
 
 
 class WallAgreement(NamedTuple):
@@ -102,7 +99,7 @@ class FloorFields:
         """Numbers of some cells on free floor that lie in the open, those that are parts of walls and others."""
         apart: ByteArray = np.zeros(self._is_open.shape, np.uint8)
         apart[rows, cols] = 1
-        _, pieces = cv2.connectedComponents(cv2.dilate(apart, BESIDE))
+        _, pieces = cv2.connectedComponents(cv2.dilate(apart, ADJOINING))
         numbers = pieces[rows, cols]
         is_open = self._is_open[rows, cols]
         walls = 0
