@@ -7,10 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from slamgym.core.types import LaserGeometry
 from slamgym.sim.raycast import cast_rays
 from slamgym.slam.config import PoseGraphConfig
+from slamgym.slam.graph import closures
 from slamgym.slam.graph.alignment import AlignmentTarget
 from slamgym.slam.graph.closures import LoopCloser, agree
+from slamgym.slam.graph.recovery import Sight
 from slamgym.slam.graph.relative import (
     DAMPING,
     MATCH_FLOOR,
@@ -78,8 +81,15 @@ class Path(NamedTuple):
         return len(self.poses)
 
 
-def draw(submap: Submap, pose: np.ndarray, x: float, pillars: list[float]) -> None:
-    """Draw at a pose what is seen at ``x`` in a corridor with a pair of pillars at each of these distances."""
+LASER = LaserGeometry(181, np.radians(-90.0), np.radians(1.0), 0.1, 3.0)
+
+
+def draw(submap: Submap, pose: np.ndarray, x: float, pillars: list[float]) -> np.ndarray:
+    """Draw at a pose what is seen at ``x`` in a corridor with a pair of pillars at each of these distances.
+
+    Returns:
+        The ranges (181,) [m].
+    """
     sides = [(p, side, p + 0.2, side * 0.6) for p in pillars for side in (-1, 1)]
     segments = np.array([(-30, -1, 30, -1), (-30, 1, 30, 1), *sides], dtype=np.float64)
     ranges, angles = np.empty(181), np.radians(np.arange(-90, 91))
@@ -87,10 +97,17 @@ def draw(submap: Submap, pose: np.ndarray, x: float, pillars: list[float]) -> No
     seen = np.isfinite(ranges)
     points = ranges[seen, None] * np.column_stack([np.cos(angles), np.sin(angles)])[seen]
     submap.add(pose, points, sides_of(points, np.zeros(2)))
+    return ranges.astype(np.float32)
 
 
 def closed(
-    pillars: list[float], driven: float, deviation: float = 0.6, others: tuple[Match, ...] = ()
+    pillars: list[float],
+    driven: float,
+    deviation: float = 0.6,
+    others: tuple[Match, ...] = (),
+    new_pillars: list[float] = NICHE,
+    *,
+    in_sight: bool = True,
 ) -> Match | None:
     """The closure found when the robot, back at the place it began at, believes to be 0.9 m further.
 
@@ -99,21 +116,24 @@ def closed(
         driven: Way since the beginning [m].
         deviation: Standard deviation along the corridor [m].
         others: Closures that were found before.
+        new_pillars: Places of pairs of pillars that are seen now [m].
+        in_sight: False if the scans at the beginning say nothing of what they saw through.
     """
     xs = np.arange(-1.0, 4.01, 0.25)
     old, new = Submap(0, 12.0), Submap(len(xs), 12.0)
-    for x in xs:
-        draw(old, np.array([x - xs[0], 0.0, 0.0]), x, pillars)
-    draw(new, np.zeros(3), 0.0, NICHE)
+    seen = [draw(old, np.array([x - xs[0], 0.0, 0.0]), x, pillars) for x in xs]
+    seen.append(draw(new, np.zeros(3), 0.0, new_pillars))
+    ranges = np.array(seen) if in_sight else np.zeros((len(seen), 181), np.float32)
     poses = np.array([(x, 0.0, 0.0) for x in [*xs, 0.9]])
-    ways, submaps, closer = np.array([*xs + 1.0, driven]), [old, new], LoopCloser(PoseGraphConfig())
+    ways, submaps = np.array([*xs + 1.0, driven]), [old, new]
+    closer = LoopCloser(PoseGraphConfig(), Sight(LASER, LASER.range_max))
     closer.found = list(others)
 
     def choose(numbers: list[int]) -> AlignmentTarget:
         chosen = [submaps[number] for number in numbers]
         return AlignmentTarget(chosen, poses[[submap.first for submap in chosen]])
 
-    return closer.close(Path(poses, ways, deviation), submaps, choose)
+    return closer.close(Path(poses, ways, deviation), submaps, choose, ranges)
 
 
 def test_a_place_seen_again_closes_a_loop():
@@ -125,6 +145,14 @@ def test_a_place_seen_again_closes_a_loop():
 
 def test_of_two_places_that_fit_alike_none_is_taken():
     assert closed([*NICHE, *TWIN], 40.0) is None
+
+
+def test_what_is_new_counts_against_a_place_only_where_that_was_in_sight(monkeypatch):
+    monkeypatch.setattr(closures, "CLOSURE_FIT", 0.9)
+    monkeypatch.setattr(closures, "SCORE_SHORTFALL", 0.5)
+    changed = [*NICHE, 2.0, 2.5]
+    assert closed(NICHE, 40.0, new_pillars=changed) is None
+    assert closed(NICHE, 40.0, new_pillars=changed, in_sight=False) is not None
 
 
 def test_a_place_left_a_moment_ago_is_not_seen_again():

@@ -6,7 +6,7 @@ import pytest
 from slamgym.core.types import LaserGeometry, Pose2D
 from slamgym.slam.graph import recovery
 from slamgym.slam.graph.alignment import Alignment, NormalEquations
-from slamgym.slam.graph.recovery import Recovery, ScanView, count_seen_through
+from slamgym.slam.graph.recovery import Recovery, ScanView, Sight, count_seen_through
 from slamgym.slam.graph.submaps import sides_of
 
 LASER = LaserGeometry(180, np.radians(-89.5), np.radians(1.0), 0.1, 4.0, Pose2D(0.0, 0.0, 0.0))
@@ -48,7 +48,7 @@ def place_of(monkeypatch, true: np.ndarray, by_wheels: np.ndarray, other: np.nda
     start = np.zeros(3)
     well = Surfaces(0.9, len(scan.points))
     before = view(start, end)
-    looked = Recovery(LASER, USABLE)
+    looked = Recovery(Sight(LASER, USABLE))
     return looked.check(well, scan, by_wheels, INFORMATION, placed, before, start).pose
 
 

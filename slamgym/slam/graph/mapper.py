@@ -26,7 +26,7 @@ from slamgym.slam.graph.compass import Compass
 from slamgym.slam.graph.consistency import Consistency
 from slamgym.slam.graph.map_graph import DriveScans, MapGraph, drawn_poses
 from slamgym.slam.graph.pose_graph import PoseGraph
-from slamgym.slam.graph.recovery import Recovery, ScanView
+from slamgym.slam.graph.recovery import Recovery, ScanView, Sight
 from slamgym.slam.graph.relative import (
     Match,
     match_with,
@@ -109,13 +109,14 @@ class PoseGraphMapper(Mapper):
         self._closed = Columns({"first": np.int64}, first=(), centre=(2,))
         self._submap_bytes = 0  # of the closed ones
         self._graph = PoseGraph()
-        self._loops = LoopCloser(config.pose_graph)
+        sight = Sight(geometry, self._beams.usable)
+        self._loops = LoopCloser(config.pose_graph, sight)
         self._compass = Compass()
         self._consistency = Consistency(geometry)
         self._drawn_poses = np.zeros((0, 3))
         self._last_scan: LaserScan | None = None  # that was processed
         self._last_view: ScanView | None = None
-        self._recovery = Recovery(geometry, self._beams.usable)
+        self._recovery = Recovery(sight)
 
     # --- what others ask ---
 
@@ -373,7 +374,7 @@ class PoseGraphMapper(Mapper):
 
     def _close_loop(self) -> None:
         """Seek a loop closure, and correct the path by what was found."""
-        closure = self._loops.close(self._graph, self._submaps, self._target)
+        closure = self._loops.close(self._graph, self._submaps, self._target, self._scans["ranges"])
         if closure is not None:
             self._graph.tie(closure)
             self._optimise(STEPS_AFTER_CLOSURE, is_closing=True)

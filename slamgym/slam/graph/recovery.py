@@ -62,8 +62,8 @@ class ScanView(NamedTuple):
     ranges: Float32Array  # (num_beams,) [m]
 
 
-class Recovery:
-    """Judges alignments, and looks elsewhere where they are poor.
+class Sight:
+    """Tells which points scans saw through.
 
     Args:
         geometry: The scanner.
@@ -73,6 +73,32 @@ class Recovery:
     def __init__(self, geometry: LaserGeometry, usable: float) -> None:
         self._geometry = geometry
         self._usable = usable
+
+    def count(
+        self, points: FloatArray, frame: FloatArray, pose: FloatArray, ranges: Float32Array
+    ) -> int:
+        """Count points (n, 2), given in a frame (3,), through which a scan of a robot at a pose (3,) saw."""
+        geometry = self._geometry
+        laser = moved_by(pose, np.array(geometry.mount))
+        return count_seen_through(
+            points,
+            seen_from(laser, frame),
+            ranges,
+            geometry.angle_min,
+            geometry.angle_increment,
+            self._usable,
+        )
+
+
+class Recovery:
+    """Judges alignments, and looks elsewhere where they are poor.
+
+    Args:
+        sight: Tells which points scans saw through.
+    """
+
+    def __init__(self, sight: Sight) -> None:
+        self._sight = sight
         self.recovered = 0
         """How often another place was taken."""
         self._suspicion = 0.0  # against the odometry, of the scans since one fitted well
@@ -139,19 +165,9 @@ class Recovery:
         little; and those of the scan before through which this one saw.
         """
         strange = scan.points[placed.fits < SEEN_FIT]
-        mount = np.array(self._geometry.mount)
-        seen_before = seen_from(moved_by(last, mount), placed.pose)
-        seen_now = seen_from(moved_by(placed.pose, mount), last)
-        in_sight = self._count(strange, seen_before, before.ranges)
-        through = self._count(before.points, seen_now, scan.ranges)
+        in_sight = self._sight.count(strange, placed.pose, last, before.ranges)
+        through = self._sight.count(before.points, last, placed.pose, scan.ranges)
         return in_sight + through + NEW_SHARE * (len(strange) - in_sight)
-
-    def _count(self, points: FloatArray, frame: FloatArray, ranges: Float32Array) -> int:
-        """Count the points through which a scan saw; see :func:`count_seen_through`."""
-        geometry = self._geometry
-        return count_seen_through(
-            points, frame, ranges, geometry.angle_min, geometry.angle_increment, self._usable
-        )
 
 
 @kernel
