@@ -141,3 +141,13 @@ def test_the_largest_room_is_drawn_without_any_walls():
     rooms = np.zeros((80, 100), np.int64)
     rooms[10:70, 10:90] = 1
     assert drawn(np.ones(rooms.shape), rooms, echoes=rooms < 0)[12:68, 12:88].all()
+
+
+def test_a_wardrobe_at_a_thin_wall_to_another_room_is_floor():
+    rooms = np.zeros((80, 100), np.int64)
+    rooms[10:70, 10:48], rooms[10:70, 50:90] = 1, 2
+    model = (rooms > 0).astype(np.float64)
+    rooms[30:50, 34:48] = 0
+    floor = drawn(model, rooms, echoes=walls_of_hall())
+    assert floor[32:48, 36:46].all()
+    assert not floor[12:68, 48:50].any()
