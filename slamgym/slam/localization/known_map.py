@@ -157,8 +157,8 @@ def explain_scan(
         missed: (rows, cols) beams counted before at each place, see :meth:`KnownMap.no_misses`; receives these.
 
     Returns:
-        New evidence against the pose in nats. And the share of the beams that end near a surface with none in between, of
-        those that return, or should, where the map is known; negative if too few of them end there.
+        New evidence against the pose in nats. And the share of the beams that end near a surface with none in between,
+        of those that return, or should, where the map is known; negative if too few of them end there.
     """
     field = SurfaceField(*field)
     beams = BeamTable(*beams)
