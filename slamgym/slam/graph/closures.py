@@ -38,7 +38,7 @@ FEW_SURFACES = 30
 CLOSURE_FIT = 0.5
 """Share of the newest submap's surfaces that must fit an old place, of those that were in sight of it: that fit, or
 that a scan there saw through. With all of them the walls of a cluttered lab turn by 9 degrees, with this by 6. Chosen
-on that lab alone."""
+on that lab alone; in the 60 cells of the zoo the mean error is 0.055 m instead of 0.060, in none 3 mm worse."""
 SCORE_SHORTFALL = 0.15
 """A search's score is lower than the fit after alignment by this at most."""
 LOOP_DEVIATIONS = 5.0
