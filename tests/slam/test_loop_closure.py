@@ -13,7 +13,6 @@ from slamgym.slam.config import PoseGraphConfig
 from slamgym.slam.graph import closures
 from slamgym.slam.graph.alignment import AlignmentTarget
 from slamgym.slam.graph.closures import LoopCloser, agree
-from slamgym.slam.graph.recovery import Sight
 from slamgym.slam.graph.relative import (
     DAMPING,
     MATCH_FLOOR,
@@ -26,6 +25,7 @@ from slamgym.slam.graph.relative import (
     turned_matrix,
     weigh_match,
 )
+from slamgym.slam.graph.sight import Sight
 from slamgym.slam.graph.submaps import Submap, sides_of
 
 numbers = st.tuples(*[st.floats(-3.0, 3.0)] * 3)

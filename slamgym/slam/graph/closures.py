@@ -12,7 +12,6 @@ from slamgym.slam.config import PoseGraphConfig
 from slamgym.slam.graph.alignment import MOST_SUBMAPS, AlignmentTarget
 from slamgym.slam.graph.matching import SearchWindow
 from slamgym.slam.graph.pose_graph import PoseGraph, drift_covariance
-from slamgym.slam.graph.recovery import SEEN_FIT, Sight
 from slamgym.slam.graph.relative import (
     Match,
     chi_squared,
@@ -21,6 +20,7 @@ from slamgym.slam.graph.relative import (
     pose_spreads,
     seen_from,
 )
+from slamgym.slam.graph.sight import SEEN_FIT, Sight
 from slamgym.slam.graph.submaps import Submap
 
 LOOP_METRES = 1.0
@@ -154,12 +154,8 @@ class LoopCloser:
         placed = target_of(best).align(points, sides, start, start, unknown)
         fits = float(placed.fits.sum())
         strange = points[placed.fits < SEEN_FIT]
-        clashes = 0
-        for other in best:
-            first = submaps[other].first
-            for node in range(first, first + len(submaps[other].poses)):
-                clash = self._sight.count(strange, placed.pose, graph.poses[node], ranges[node])
-                clashes = max(clashes, clash)
+        chosen = [submaps[other] for other in best]
+        clashes = self._most_clashes(strange, placed.pose, chosen, graph, ranges)
         if fits < CLOSURE_FIT * max(FEW_SURFACES, fits + clashes):
             return None
         dx, dy, _ = start - here
@@ -170,6 +166,21 @@ class LoopCloser:
                 return None
         sums = placed.equations.sums.sum(axis=0) / len(best)
         return match_with(graph.poses, old, len(graph) - 1, placed.pose, sums, 1)
+
+    def _most_clashes(
+        self,
+        strange: FloatArray,
+        pose: FloatArray,
+        chosen: list[Submap],
+        graph: PoseGraph,
+        ranges: Float32Array,
+    ) -> int:
+        """The most points (n, 2), given in the frame of a pose (3,), through which one scan of some submaps saw."""
+        nodes = [one.first + number for one in chosen for number in range(len(one.poses))]
+        clashes = (
+            self._sight.count(strange, pose, graph.poses[node], ranges[node]) for node in nodes
+        )
+        return max(clashes, default=0)
 
     def _is_accepted(self, graph: PoseGraph, closure: Match) -> bool:
         """True if a closure is as the path lets expect, or less so and another one says the same."""

@@ -8,20 +8,17 @@ not moved. Chosen on ACES, CSAIL and FHW with the laser cut to 4 m: the paths th
 with that rule, 3.1, 4.3 and 1.6 m without.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
 from slamgym.core.geometry import wrap_angle
-from slamgym.core.jit import kernel
 from slamgym.core.portable import inverted
-from slamgym.core.types import Float32Array, FloatArray, LaserGeometry
-from slamgym.slam.end_points import beam_at
+from slamgym.core.types import Float32Array, FloatArray
 from slamgym.slam.graph.alignment import ALIGN_WIDTH, POINT_SHARE, Alignment, AlignmentTarget
 from slamgym.slam.graph.matching import SearchWindow
-from slamgym.slam.graph.relative import chi_squared, moved_by, pose_spreads, seen_from
-from slamgym.slam.graph.submaps import SUBMAP_CELL
+from slamgym.slam.graph.relative import chi_squared, pose_spreads
+from slamgym.slam.graph.sight import SEEN_FIT, Sight
 
 GOOD_FIT = 0.8
 """An alignment of a smaller share of fitting points is compared with a search where the odometry may err."""
@@ -44,8 +41,6 @@ NEW_SHARE = 0.25
 """What a point contradicts that fits nothing and was out of sight before. With 0 a robot whose wheels leap into another
 room stays there: nothing that it sees was in sight. With 0.15 one of six homes without odometry is 0.26 m off by a 12 m
 laser, with this 0.06 m; the paths through ACES, CSAIL and FHW cut to 4 m are the same."""
-SEEN_FIT = 0.25
-"""A point that fits better lies on a surface that was seen before."""
 WINDOW_DEVIATIONS = 6.0
 """A narrow window reaches so many standard deviations of the predicted pose from it."""
 LEAST_WINDOW = (0.1, 0.05)
@@ -60,34 +55,6 @@ class ScanView(NamedTuple):
     points: FloatArray  # (n, 2) end points in the robot frame [m]
     sides: FloatArray  # (n, 3) their sides in the robot frame
     ranges: Float32Array  # (num_beams,) [m]
-
-
-class Sight:
-    """Tells which points scans saw through.
-
-    Args:
-        geometry: The scanner.
-        usable: Longer ranges aren't matched [m].
-    """
-
-    def __init__(self, geometry: LaserGeometry, usable: float) -> None:
-        self._geometry = geometry
-        self._usable = usable
-
-    def count(
-        self, points: FloatArray, frame: FloatArray, pose: FloatArray, ranges: Float32Array
-    ) -> int:
-        """Count points (n, 2), given in a frame (3,), through which a scan of a robot at a pose (3,) saw."""
-        geometry = self._geometry
-        laser = moved_by(pose, np.array(geometry.mount))
-        return count_seen_through(
-            points,
-            seen_from(laser, frame),
-            ranges,
-            geometry.angle_min,
-            geometry.angle_increment,
-            self._usable,
-        )
 
 
 class Recovery:
@@ -168,42 +135,6 @@ class Recovery:
         in_sight = self._sight.count(strange, placed.pose, last, before.ranges)
         through = self._sight.count(before.points, last, placed.pose, scan.ranges)
         return in_sight + through + NEW_SHARE * (len(strange) - in_sight)
-
-
-@kernel
-def count_seen_through(
-    points: FloatArray,
-    frame: FloatArray,
-    ranges: Float32Array,
-    angle_min: float,
-    step: float,
-    longest: float,
-) -> int:
-    """Count the points through which a scan saw: they lie in front of what three beams beside each other met.
-
-    Args:
-        points: (n, 2) [m].
-        frame: (3,) their frame, seen from the laser.
-        ranges: (num_beams,) of the scan [m].
-        angle_min: Direction of its first beam [rad].
-        step: Angle from each beam to the next [rad].
-        longest: No beam shows more [m].
-    """
-    cos = math.cos(frame[2])
-    sin = math.sin(frame[2])
-    count = 0
-    for i in range(len(points)):
-        x = frame[0] + cos * points[i, 0] - sin * points[i, 1]
-        y = frame[1] + sin * points[i, 0] + cos * points[i, 1]
-        beam = beam_at(math.atan2(y, x) - angle_min, step)
-        if beam < 1 or beam > len(ranges) - 2:
-            continue
-        free = longest
-        for near in ranges[beam - 1 : beam + 2]:
-            free = min(free, near)
-        if math.hypot(x, y) < free - SUBMAP_CELL:
-            count += 1
-    return count
 
 
 def _narrow_window(covariance: FloatArray) -> tuple[float, float]:

@@ -146,7 +146,7 @@ class MapLocalizer(Mapper):
         )
         if self.belief.state == "localised":
             self._beyond.draw(np.array(self.belief.pose), cloud)
-        elif not any(hypothesis.was_sure for hypothesis in self._hypotheses[:1]):
+        elif not (self._hypotheses and self._hypotheses[0].was_sure):
             self._beyond.clear()
         if was_localised and self.belief.state != "localised":
             self._seeker.forget()
