@@ -28,10 +28,6 @@ DEMO_SEED, DEMO_PLANS = 1, 8
 """Those of ``make demo``."""
 FIRST_HOME = 1_000
 """Seed of the first generated home."""
-LARGE_OFFICES = (2, 0, 4)
-"""Seeds of offices with loops of 1,445, 2,728 and 4,364 m2 ..."""
-LARGE_AREA = (1_000.0, 5_000.0)
-"""... as they come of these limits [m2]."""
 
 
 class Conditions(NamedTuple):
@@ -86,12 +82,6 @@ def generated_homes(count: int) -> Iterator[tuple[FloorPlan, int]]:
     return (
         (generate_plan(FIRST_HOME + k, PlanGeneratorConfig(kind="home")), k) for k in range(count)
     )
-
-
-def large_offices() -> Iterator[tuple[FloorPlan, int]]:
-    """Generated offices, each with the seed of its drive."""
-    config = PlanGeneratorConfig(kind="office", office_area=LARGE_AREA, loops=1.0)
-    return ((generate_plan(seed, config), seed) for seed in LARGE_OFFICES)
 
 
 def demo_slots(seed: int) -> Iterator[tuple[FloorPlan, Slot]]:

@@ -3,12 +3,12 @@
     python benchmarks/slam/mapping.py [--parts exact medium logs] [--modes ...] [--logs LOGS] [--homes 20] [--seeds 3]
 
 Parts: ``exact``: exact laser, true odometry. ``medium``: the default laser and odometry. ``levels``: other odometries,
-a laser of 12 m, and one whose beams of a scan take 0.1 s. ``large``: offices of 1,400 to 4,400 m2, which take hours to
-simulate, so this part must be asked for. The other buildings are generated homes and the bundled plans of ``make
-demo``; every mode is fed the same drives, which are simulated once and kept in a cache. ``demo``: the maps of ``make
-demo`` themselves. ``logs``: recorded logs, as ``slamgym slam`` maps them. ``faults``: good drives and logs with faults
-put in (``faults.py``). ``laser_only``: drives without odometry (``laser_only.py``). A run of some modes leaves the rows
-of the others in the results file as they are.
+a laser of 12 m, and one whose beams of a scan take 0.1 s. ``large``: buildings of 850 to 4,300 m2 (``large_maps.py``),
+which take long to simulate, so this part must be asked for. The other buildings are generated homes and the bundled
+plans of ``make demo``; every mode is fed the same drives, which are simulated once and kept in a cache. ``demo``: the
+maps of ``make demo`` themselves. ``logs``: recorded logs, as ``slamgym slam`` maps them. ``faults``: good drives and
+logs with faults put in (``faults.py``). ``laser_only``: drives without odometry (``laser_only.py``). A run of some
+modes leaves the rows of the others in the results file as they are.
 
 *RMSE*: position of the final path against the truth, without alignment, with a 95 % bootstrap interval of the mean.
 *walls*: mean distance of the map's occupied cells from the true walls; cells alone cost a quarter of their size.
@@ -50,9 +50,11 @@ from slamgym.slam.replay import ReplayResult, replay
 sys.path.insert(0, str(Path(__file__).parents[1]))
 import demo_maps
 import recorded_logs
-from drives import Conditions, Drive, demo_plans, drive, generated_homes, large_offices
+from drives import Conditions, Drive, demo_plans, drive, generated_homes
 from faults import COLUMNS as FAULT_COLUMNS
 from faults import doubtful_spans, fault_rows
+from large_maps import COLUMNS as LARGE_COLUMNS
+from large_maps import large_rows
 from laser_only import COLUMNS as LASER_COLUMNS
 from laser_only import laser_rows
 from recorded_logs import end_points
@@ -71,8 +73,6 @@ LONG_RANGE = 12.0
 """Range of a laser that sees across rooms [m]."""
 SWEEP = 0.1
 """Time that a scan over half a turn takes [s]: that of an LDS-01."""
-LARGE_MINUTES = 180.0
-"""Longest drive through a large office [min]."""
 FAULTY_HOMES = 4
 """Number of homes into whose drives faults are put."""
 KNOWN_FAULT = "freiburg-079"
@@ -127,7 +127,7 @@ def with_other_modes(path: Path, rows: Rows) -> Rows:
 
 def _subject(row: dict[str, Any]) -> Any:
     """What a row's mode was run on."""
-    return row.get("drives", row.get("log"))
+    return row.get("drives", row.get("log", row.get("building")))
 
 
 def exact(arguments: argparse.Namespace) -> Rows:
@@ -176,10 +176,8 @@ def demo(arguments: argparse.Namespace) -> Rows:
 
 
 def large(arguments: argparse.Namespace) -> Rows:
-    """Drives of hours through offices of 1,400 to 4,400 m2."""
-    return drive_rows(
-        arguments, Conditions(minutes=LARGE_MINUTES), "large offices", large_offices()
-    )
+    """Drives of an hour through large buildings."""
+    return large_rows(arguments.modes, arguments.cache)
 
 
 def faults(arguments: argparse.Namespace) -> Rows:
@@ -311,7 +309,7 @@ PARTS = {
     "demo": (demo, demo_maps.COLUMNS),
     "faults": (faults, FAULT_COLUMNS),
     "laser_only": (laser_only, LASER_COLUMNS),
-    "large": (large, DRIVE_COLUMNS),
+    "large": (large, LARGE_COLUMNS),
 }
 """Tables and their columns."""
 
