@@ -6,7 +6,7 @@ A cell is a robot in a kind of place (``zoo_robots.py``): ten lasers by homes, f
 halls and a lab full of clutter, in buildings that no constant was chosen on. The robot explores with a known pose, so
 every mode is fed the same drives; they are simulated once and kept in a cache, whatever interrupts it. ``--sweep off``
 takes all beams of a scan at once. ``--logs`` names a folder of recorded logs, which are mapped as they are and with a
-shorter laser, fewer beams and turns of the odometry that are wrong by a tenth; that table is never written to a file.
+shorter laser, fewer beams and turns of the odometry that are wrong by a tenth.
 
 *start*: RMSE of the final path at all scans against the truth, from the true start [m]; *aligned*: the same after rigid
 alignment. The worst of a cell's drives counts. *says*: what the mapper says of its map, the worst of them. *ms*: median
@@ -59,7 +59,10 @@ KARTO = "karto"
 """The rival's mode."""
 VERDICTS = ("", "sure", "doubtful", "broken")
 """What a mapper says of its map, the worst last; Karto says nothing."""
-
+CELL = ("robot", "place", "driven [m]")
+"""Columns that tell a cell and its drives from others."""
+VARIANT = ("log", "variant", "against")
+"""Columns that tell a variant of a log from others."""
 WALL_PARTS = 6
 """A log is cut into so many parts, whose walls run the same way."""
 MODULES = ("slamgym/slam", "slamgym/sim")
@@ -210,7 +213,7 @@ def show_cells(arguments: argparse.Namespace, spread: Spread) -> None:
     name = f"slam/zoo_sweep_{arguments.sweep}"
     is_whole = len(cells) == len(ROBOTS) * len(PLACES)
     if is_whole:
-        rows = with_other_modes(RESULTS / f"{name}.json", rows)
+        rows = with_other_modes(RESULTS / f"{name}.json", rows, CELL)
     columns = list(rows[0])
     errors = [column for column in columns if column.endswith("start [m]")]
     rows.sort(key=lambda row: row[errors[0]], reverse=True)
@@ -220,18 +223,22 @@ def show_cells(arguments: argparse.Namespace, spread: Spread) -> None:
         print_table(title, rows, columns)
 
 
-def with_other_modes(path: Path, rows: Rows) -> Rows:
-    """Rows with the columns of the modes that weren't run now, if the last run had as many drives."""
+def with_other_modes(path: Path, rows: Rows, key: tuple[str, ...]) -> Rows:
+    """Rows with the columns of the modes that weren't run now, of those subjects that are the same in the last run.
+
+    Args:
+        path: Results of the last run.
+        rows: Those of this run.
+        key: Columns that tell one subject from another.
+    """
     if not path.exists():
         return rows
-    before = json.loads(path.read_text())["rows"]
-    by_cell = {(row["robot"], row["place"]): row for row in before}
-    whole = []
-    for row in rows:
-        old = by_cell.get((row["robot"], row["place"]), {})
-        is_same = old.get("driven [m]") == row["driven [m]"]
-        whole.append({**(old if is_same else {}), **row})
-    return whole
+
+    def subject(row: dict[str, Any]) -> tuple[Any, ...]:
+        return tuple(row.get(column) for column in key)
+
+    before = {subject(row): row for row in json.loads(path.read_text())["rows"]}
+    return [{**before.get(subject(row), {}), **row} for row in rows]
 
 
 def cell_figures(drives: list[tuple[float, list[Figures]]], modes: list[str]) -> dict[str, Any]:
@@ -252,9 +259,11 @@ def show_logs(arguments: argparse.Namespace, spread: Spread) -> None:
     """The table of recorded logs."""
     tasks = [(arguments, path) for path in sorted(arguments.logs.glob("*.log.gz"))]
     rows = [row for some in spread(log_rows, tasks) for row in some]
-    error = f"{arguments.modes[0]} error [m]"
+    name = "slam/zoo_logs"
+    rows = with_other_modes(RESULTS / f"{name}.json", rows, VARIANT)
+    error = next(column for column in rows[0] if column.endswith("error [m]"))
     rows.sort(key=lambda row: row[error] or 0.0, reverse=True)
-    print_table("recorded log", rows, list(rows[0]))
+    print_and_save(name, "recorded log", rows, list(rows[0]), MODULES)
 
 
 def log_rows(task: tuple[argparse.Namespace, Path]) -> Rows:
