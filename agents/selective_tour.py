@@ -89,9 +89,14 @@ class SelectivePilot(FrontierPilot):
         return (1.0 - seen) * loop.known_area
 
     def _worth_a_visit(self, hidden: FloatArray, left: float) -> BoolArray:
-        """Which frontiers are worth a visit, by the moments of what they hide, shape (N,)."""
+        """Which frontiers, the nearest first, are worth a visit, by the moments of what they hide, shape (N,).
+
+        Of those that hide the same the farthest is passed over first: were it the nearest, the robot would turn back
+        from each that it comes near to.
+        """
         mean, square = hidden
-        order = np.argsort(square, kind="stable")
+        farthest_first = -np.arange(len(mean))
+        order = np.lexsort((farthest_first, square))
         spare = np.maximum(left - np.cumsum(mean[order]), 0.0)
         variance = np.cumsum((square - mean**2)[order])
         risk = self._network.risk * (1.0 - self._promise.confidence)

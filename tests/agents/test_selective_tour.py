@@ -33,8 +33,7 @@ def env():
         open_plans("procedural:home:3").load("home_3_00003"),
         ExploreConfig().for_explorer(),
         localization="ground_truth",
-        # Who is told the same of every frontier passes over those that come first now, and drives to and fro.
-        time_limit=600.0,
+        time_limit=300.0,
     )
 
 
@@ -101,6 +100,22 @@ def test_a_small_share_of_the_risk_passes_over_nothing(env, network):
     tour = explored(env, make_explorer("tour", env.explorer_context(), promise=Promise()))
     assert explored(env, selective(env, network(-4.0, risk=0.3), Promise())) == tour
     assert explored(env, selective(env, network(-4.0, risk=1.0), Promise())) != tour
+
+
+@pytest.mark.parametrize("logit", [-3.0, -4.0, -5.0])
+def test_of_frontiers_that_hide_the_same_none_is_left_for_another_and_visited_then(
+    env, network, logit
+):
+    explorer = selective(env, network(logit), Promise())
+    targets = []
+    for _ in episode_steps(env, explorer, env.reset(seed=5)):
+        target = explorer.loops[0].target if explorer.loops else None
+        if target and (not targets or math.dist(target.target, targets[-1]) > 0.5):
+            targets.append(target.target)
+    assert explorer.finished
+    assert len(targets) > 5
+    for before, _, after in zip(targets, targets[1:], targets[2:], strict=False):
+        assert math.dist(before, after) > 0.5
 
 
 def test_the_network_of_the_package_is_done_sooner_than_the_rule(env):
