@@ -6,9 +6,8 @@ y up) round what is above the level, clockwise round its holes.
 
 import numpy as np
 import shapely
-from shapely import LinearRing, Polygon
+from shapely import LinearRing
 
-from slamgym.cad.polygons import oriented_rings
 from slamgym.core.types import Float32Array, FloatArray, GridFrame, IntArray
 
 _LINKS: tuple[tuple[tuple[int, int], ...], ...] = (
@@ -38,7 +37,7 @@ LEVEL = 0.5
 def trace_outlines(
     image: Float32Array, frame: GridFrame, smallest: float, smallest_hole: float
 ) -> list[LinearRing]:
-    """The outlines of what lies above a half.
+    """The outlines of what lies above a half, each followed by its holes.
 
     Args:
         image: Shape (rows, cols); what is beyond its border counts as 0.
@@ -53,12 +52,9 @@ def trace_outlines(
     on_grid = lines + np.array([-0.5, 0.5])
     on_map = on_grid * frame.resolution + np.array([left, top])
     floor = shapely.build_area(shapely.multilinestrings(shapely.linestrings(on_map)))
-    kept = []
-    for ring in oriented_rings(floor):
-        least = smallest if ring.is_ccw else smallest_hole
-        if Polygon(ring).area >= least:
-            kept.append(ring)
-    return kept
+    rings = shapely.get_rings(shapely.orient_polygons(shapely.get_parts(floor)))
+    least = np.where(shapely.is_ccw(rings), smallest, smallest_hole)
+    return list(rings[shapely.area(shapely.polygons(rings)) >= least])
 
 
 def _lines(padded: FloatArray) -> FloatArray:

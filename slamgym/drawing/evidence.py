@@ -138,13 +138,14 @@ def left_out_floor(lost: BoolArray, frame: GridFrame) -> list[Polygon]:
 
 
 def cell_polygons(cells: BoolArray, frame: GridFrame, smallest: float) -> list[Polygon]:
-    """Patches of cells as smooth polygons of at least an area [m2]."""
-    rings = trace_outlines(cells.astype(np.float32), frame, smallest, smallest)
-    shape = MultiPolygon([Polygon(ring) for ring in rings])
-    valid = shapely.make_valid(shape)
-    coarse = valid.simplify(0.5 * frame.resolution)
-    simple = shapely.make_valid(coarse)
-    return [part for part in polygon_parts(simple) if part.area >= smallest]
+    """Patches of cells of at least an area [m2] as smooth polygons, without holes that are smaller."""
+    patches = list[list[shapely.LinearRing]]()
+    for ring in trace_outlines(cells.astype(np.float32), frame, smallest, smallest):
+        if ring.is_ccw:
+            patches.append([])
+        patches[-1].append(ring)
+    smooth = [Polygon(outline, holes) for outline, *holes in patches]
+    return list(shapely.simplify(smooth, 0.5 * frame.resolution))
 
 
 def echo_outlines(grid: OccupancyGrid) -> list[Polygon]:

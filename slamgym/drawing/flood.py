@@ -56,32 +56,62 @@ def limited_flood(
 def _flood_all(
     lines: FloatArray, free: BoolArray, clearance: FloatArray, steps: IntArray, seal: float
 ) -> tuple[IntArray, FloatArray, IntArray]:
-    """The floods of all lines; the pictures have a border of one cell, and all lengths are in cells."""
+    """The floods of all lines; the pictures have a border of one cell, and all lengths are in cells.
+
+    Each goes through a window that holds all it can reach: so small a part of a map stays in the processor's cache.
+    """
     number, last = len(lines), len(steps)
-    arrival = np.full((2, free.size), -1, np.int64)
-    queue = np.empty((2, free.size), np.int64)
     count = np.zeros((number, 2, last), np.int64)
     widest = np.zeros((number, 2, last))
     shared = np.zeros((number, last), np.int64)
+    margin = steps[-1] + int(HALF_LINE + BESIDE_LINE) + 2
+    side = int(np.abs(lines[:, 1] - lines[:, 0]).max()) + 2 * margin + 3
+    queues = np.empty((2, side**2), np.int64)
+    first_met = np.full(side**2, last, np.int64)
     for n in range(number):
-        for side in range(2):
-            size = _begin(lines[n], side, free, arrival[side], queue[side])
-            _walk(lines[n], free, steps, seal, arrival[side], queue[side], size, count[n, side])
-            wide = 0.0
-            first = 0
-            for k in range(last):
-                for at in queue[side, first : count[n, side, k]]:
-                    wide = max(wide, clearance.ravel()[at])
-                first = count[n, side, k]
-                widest[n, side, k] = wide
-        for at in queue[0, : count[n, 0, -1]]:
-            for k in range(last):
-                later = max(arrival[0, at], arrival[1, at])
-                shared[n, k] += arrival[1, at] >= 0 and later <= steps[k]
-        for side in range(2):
-            for at in queue[side, : count[n, side, -1]]:
-                arrival[side, at] = -1
+        left = max(0, int(lines[n, :, 0].min()) - margin)
+        top = max(0, int(lines[n, :, 1].min()) - margin)
+        line = lines[n] - np.array([left, top], np.float64)
+        window = free[top : top + side, left : left + side].copy()
+        clear = clearance[top : top + side, left : left + side].copy().ravel()
+        _close(line, window, seal)
+        for k in range(2):
+            _walk(line, k, window, steps, queues[k], count[n, k])
+            _find_widest(clear, queues[k], count[n, k], widest[n, k])
+        _count_shared(queues, count[n], first_met, shared[n])
     return count, widest, shared
+
+
+@kernel
+def _find_widest(
+    clearance: FloatArray, queue: IntArray, count: IntArray, widest: FloatArray
+) -> None:
+    """The largest clearance among the first cells of a queue, for each count of them."""
+    wide = 0.0
+    first = 0
+    for k in range(len(count)):
+        for at in queue[first : count[k]]:
+            wide = max(wide, clearance[at])
+        first = count[k]
+        widest[k] = wide
+
+
+@kernel
+def _count_shared(queues: IntArray, count: IntArray, met: IntArray, shared: IntArray) -> None:
+    """How many cells are among the first of both queues, for each count of them; ``met`` is scratch space."""
+    last = len(shared)
+    for side in range(2):
+        first = 0
+        for k in range(last):
+            for at in queues[side, first : count[side, k]]:
+                if side == 0:
+                    met[at] = k
+                elif met[at] < last:
+                    shared[max(k, met[at])] += 1
+            first = count[side, k]
+    for k in range(1, last):
+        shared[k] += shared[k - 1]
+    met[queues[0, : count[0, -1]]] = last
 
 
 @kernel
@@ -96,46 +126,51 @@ def _place(line: FloatArray, row: Any, col: Any) -> tuple[float, float, float]:
 
 
 @kernel
-def _begin(line: FloatArray, side: int, free: BoolArray, arrival: IntArray, queue: IntArray) -> int:
+def _close(line: FloatArray, free: BoolArray, seal: float) -> None:
+    """Take the cells of a line from the free ones."""
+    margin = HALF_LINE + seal + 1.0
+    rows = _stretch(line[:, 1], margin, free.shape[0])
+    cols = _stretch(line[:, 0], margin, free.shape[1])
+    for row in range(*rows):
+        for col in range(*cols):
+            along, aside, length = _place(line, row, col)
+            if abs(aside) <= HALF_LINE and -seal <= along <= length + seal:
+                free[row, col] = False
+
+
+@kernel
+def _begin(line: FloatArray, side: int, free: BoolArray, left: BoolArray, queue: IntArray) -> int:
     """Put the free cells right beside a line into the queue; returns how many they are."""
     rows, cols = free.shape
     margin = HALF_LINE + BESIDE_LINE + 1.0
     size = 0
-    for row in range(
-        max(1, int(line[:, 1].min() - margin)), min(rows - 1, int(line[:, 1].max() + margin) + 1)
-    ):
-        for col in range(
-            max(1, int(line[:, 0].min() - margin)),
-            min(cols - 1, int(line[:, 0].max() + margin) + 1),
-        ):
+    for row in range(*_stretch(line[:, 1], margin, rows)):
+        for col in range(*_stretch(line[:, 0], margin, cols)):
             along, aside, length = _place(line, row, col)
             is_side = (aside > 0.0) == (side == 1)
             is_beside = HALF_LINE < abs(aside) <= HALF_LINE + BESIDE_LINE
             if is_side and is_beside and 0.0 <= along <= length and free[row, col]:
-                arrival[row * cols + col] = 0
+                left[row * cols + col] = False
                 queue[size] = row * cols + col
                 size += 1
     return size
 
 
 @kernel
+def _stretch(places: FloatArray, margin: float, end: int) -> tuple[int, int]:
+    """The first cell round two places, and that behind the last, within the picture's border."""
+    return max(1, int(places.min() - margin)), min(end - 1, int(places.max() + margin) + 1)
+
+
+@kernel
 def _walk(
-    line: FloatArray,
-    free: BoolArray,
-    steps: IntArray,
-    seal: float,
-    arrival: IntArray,
-    queue: IntArray,
-    size: int,
-    count: IntArray,
+    line: FloatArray, side: int, free: BoolArray, steps: IntArray, queue: IntArray, count: IntArray
 ) -> None:
     """Breadth-first flood to four neighbours and to eight by turns: circles become octagons, 6 % off at most."""
     cols = free.shape[1]
-    is_free = free.ravel()
+    left = free.copy().ravel()
     moves = np.array([1, -1, cols, -cols, cols + 1, cols - 1, 1 - cols, -1 - cols])
-    margin = HALF_LINE + seal + 1.0
-    left, right = line[:, 0].min() - margin, line[:, 0].max() + margin
-    top, bottom = line[:, 1].min() - margin, line[:, 1].max() + margin
+    size = _begin(line, side, free, left, queue)
     first = 0
     k = 0
     for level in range(1, steps[-1] + 1):
@@ -143,17 +178,10 @@ def _walk(
         for at in queue[first:end]:
             for turn in range(4 if level % 2 else 8):
                 to = at + moves[turn]
-                if arrival[to] >= 0 or not is_free[to]:
-                    continue
-                row = to // cols
-                col = to - row * cols
-                if top <= row <= bottom and left <= col <= right:
-                    along, aside, length = _place(line, row, col)
-                    if abs(aside) <= HALF_LINE and -seal <= along <= length + seal:
-                        continue
-                arrival[to] = level
-                queue[size] = to
-                size += 1
+                if left[to]:
+                    left[to] = False
+                    queue[size] = to
+                    size += 1
         first = end
         if level == steps[k]:
             count[k] = size
