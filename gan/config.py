@@ -30,6 +30,8 @@ LossForm = Literal["lsgan", "printed"]
 CHANNELS: dict[Encoding, int] = {"grey": 1, "free_occupied": 2, "rgb": 3, "layers": 4}
 """Channels of a map in each encoding; all values lie in [-1, 1]."""
 
+TRANSLATION_BATCH = 8
+"""Maps that go through a generator at once."""
 MIN_RESOLUTION = 8
 """Smallest side of an image [px]."""
 MAX_SIZE = 1024

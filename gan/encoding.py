@@ -10,13 +10,18 @@ values lie in [-1, 1].
   the wall's black and the floor's white then means "unknown", so borders stay clean.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import cv2
 import numpy as np
-import torch
-from torch import Tensor
 
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, ByteArray, Float32Array
 from slamgym.gan.config import CHANNELS, Encoding
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 _BACK_PROJECTIONS = 10
 """After these the means are right to a few thousandths."""
@@ -86,6 +91,8 @@ def encode(cells: Tensor, encoding: Encoding) -> Tensor:
     Returns:
         (B, C, H, W) float32 in [-1, 1].
     """
+    import torch
+
     if encoding == "free_occupied":
         is_free = cells >= MIN_FREE_GREY
         is_occupied = cells <= MAX_OCCUPIED_GREY

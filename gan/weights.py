@@ -4,15 +4,15 @@ Beside ``NAME.safetensors`` lie ``NAME.json`` (settings and figures, for program
 people); only the first is needed. Nothing in the file can run code, and loading needs no network.
 """
 
+from __future__ import annotations
+
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
 
-import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save
-from torch import Tensor
 
 from slamgym import __version__
 from slamgym.core.config import from_dict, suggest, to_dict
@@ -24,7 +24,11 @@ from slamgym.core.progress import duration
 from slamgym.core.provenance import check_origin
 from slamgym.core.text import markdown
 from slamgym.gan.config import Direction, TranslatorConfig
-from slamgym.gan.networks.factory import Generator, build_generator, count_parameters
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from slamgym.gan.networks.factory import Generator
 
 _ARROWS = {"slam2cad": "SLAM maps to CAD maps", "cad2slam": "CAD maps to SLAM maps"}
 """Directions in words."""
@@ -78,6 +82,8 @@ def save_translator(
     Raises:
         InputFileError: If it can't be written.
     """
+    from safetensors.torch import save
+
     tensors = {name: _halved(name, value) for name, value in generator.state_dict().items()}
     facts = {"config": to_dict(config), "card": to_dict(card)}
     header = {
@@ -103,26 +109,41 @@ def load_weights(name_or_path: str | Path, direction: Direction | None = None) -
         ConfigError: If no pretrained weights have this name, or they translate the other way.
     """
     path = find_weights(name_or_path)
+    config, card, tensors = load_tensors(path, direction, "pt")
+    return Weights(_fill(path, config, tensors), config, card)
+
+
+def load_tensors(
+    path: Path, direction: Direction | None = None, framework: Literal["np", "pt"] = "np"
+) -> tuple[TranslatorConfig, ModelCard, dict[str, Any]]:
+    """Read a file of weights: its settings, its card, and arrays of NumPy, or tensors of torch.
+
+    Raises:
+        InputFileError: If the file is missing, damaged, unsafe, or no translator.
+        ConfigError: If they translate the other way.
+    """
     check_origin(path)
-    header, tensors = read_tensors(path)
+    header, tensors = read_tensors(path, framework)
     config, card = _read_header(path, header)
     if direction is not None and direction != config.direction:
         raise ConfigError(
             f"{path}: these weights translate {_ARROWS[config.direction]}, not {_ARROWS[direction]}; "
             "choose others with --weights"
         )
-    return Weights(_fill(path, config, tensors), config, card)
+    return config, card, tensors
 
 
-def read_tensors(path: Path) -> tuple[dict[str, str], dict[str, Tensor]]:
-    """Header and tensors of a safetensors file.
+def read_tensors(
+    path: Path, framework: Literal["np", "pt"] = "pt"
+) -> tuple[dict[str, str], dict[str, Any]]:
+    """Header and tensors of a safetensors file, as arrays of NumPy or tensors of torch.
 
     Raises:
         InputFileError: If it is missing, too large, damaged or of another kind.
     """
     require_file(path, WEIGHT_BYTES)
     try:
-        with safe_open(path, framework="pt") as file:
+        with safe_open(path, framework=framework) as file:
             tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118 - not a mapping
             return file.metadata() or {}, tensors
     except (SafetensorError, OSError) as error:
@@ -163,6 +184,8 @@ def find_weights(name_or_path: str | Path) -> Path:
 
 def model_card(name: str, generator: Generator, config: TranslatorConfig, card: ModelCard) -> str:
     """The model card in Markdown."""
+    from slamgym.gan.networks.factory import count_parameters
+
     figures = [(key, f"{value:.4g}") for key, value in card.figures.items()]
     low, middle, high = config.metres_per_px
     return (
@@ -219,6 +242,10 @@ def _read_header(path: Path, header: dict[str, str]) -> tuple[TranslatorConfig, 
 
 
 def _fill(path: Path, config: TranslatorConfig, tensors: dict[str, Tensor]) -> Generator:
+    import torch
+
+    from slamgym.gan.networks.factory import build_generator, count_parameters
+
     # Shapes are compared before any memory is taken.
     with torch.device("meta"):
         generator = build_generator(config, seed=None)

@@ -26,7 +26,7 @@ from torch.utils.flop_counter import FlopCounterMode
 
 from slamgym.gan.config import DiscriminatorConfig, TranslatorTrainingConfig
 from slamgym.gan.device import choose_compute
-from slamgym.gan.networks.factory import count_parameters
+from slamgym.gan.networks.factory import count_parameters, on_device
 from slamgym.gan.presets import TRANSLATOR_PRESETS
 from slamgym.gan.training.learner import Learner
 from slamgym.gan.training.sampler import Batch
@@ -115,7 +115,9 @@ def inference() -> list:
     """One map of 256 px through the default translator, derotation and resampling included."""
     config = TRANSLATOR_PRESETS["slam2cad"].translator
     learner = Learner(TRANSLATOR_PRESETS["slam2cad"], choose_compute("cpu", "float32"))
-    translator = LearnedTranslator(learner.generator.eval(), config, ModelCard(), learner.compute)
+    translator = LearnedTranslator(
+        on_device(learner.generator.eval(), config, learner.compute), config, ModelCard()
+    )
     slam = random_batch(1, 256).slam[0]
     with FlopCounterMode(display=False) as counter:
         translator.translate(slam)

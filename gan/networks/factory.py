@@ -1,12 +1,15 @@
 """Build the networks that the settings describe, and run a generator on maps."""
 
+import functools
+from collections.abc import Callable
+
 import numpy as np
 import torch
 from torch import nn
 from torch.nn import functional
 
 from slamgym.core.types import ByteArray, Float32Array
-from slamgym.gan.config import CHANNELS, DiscriminatorConfig, TranslatorConfig
+from slamgym.gan.config import CHANNELS, TRANSLATION_BATCH, DiscriminatorConfig, TranslatorConfig
 from slamgym.gan.device import Compute
 from slamgym.gan.encoding import encode
 from slamgym.gan.networks.discriminators import (
@@ -20,8 +23,6 @@ Generator = ProgressiveGenerator | ResidualUNet
 
 INITIAL_STD = 0.02
 """Convolutions start as N(0, 0.02), batch norms with gains N(1, 0.02) (anime2clothing)."""
-TRANSLATION_BATCH = 8
-"""Maps that go through a generator at once."""
 
 
 def build_generator(config: TranslatorConfig, seed: int | None = 0) -> Generator:
@@ -82,6 +83,19 @@ def initialise(network: nn.Module, generator: torch.Generator) -> None:
 def count_parameters(network: nn.Module) -> int:
     """Number of trained values."""
     return sum(parameter.numel() for parameter in network.parameters())
+
+
+def on_device(
+    generator: Generator, config: TranslatorConfig, compute: Compute
+) -> Callable[[ByteArray], Float32Array]:
+    """Put a generator in evaluation mode on a device; returns what translates maps there (:func:`run_generator`)."""
+    return functools.partial(
+        run_generator,
+        compute.put(generator),
+        config=config,
+        compute=compute,
+        resolution=config.output_size,
+    )
 
 
 def run_generator(

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from slamgym.core.types import ByteArray, Float32Array
-from slamgym.gan.networks.factory import TRANSLATION_BATCH
+from slamgym.gan.config import TRANSLATION_BATCH
 
 OVERLAP = 0.25
 """Least share of a tile that its neighbour sees too."""

@@ -7,6 +7,7 @@ translation is resampled and turned back, so that it lies over the input.
 """
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
@@ -15,7 +16,6 @@ import numpy as np
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, ByteArray, Float32Array
 from slamgym.gan.config import CHANNELS, DeviceName, Direction, TranslatorConfig
-from slamgym.gan.device import Compute, choose_compute
 from slamgym.gan.encoding import (
     decode_slam,
     enlarge_means,
@@ -23,11 +23,17 @@ from slamgym.gan.encoding import (
     resample_grey,
     resample_probability,
 )
-from slamgym.gan.networks.factory import Generator, run_generator
+from slamgym.gan.networks.plain_unet import PlainUNet
 from slamgym.gan.translation.elastic import drifted
 from slamgym.gan.translation.finishing import thinned_walls
 from slamgym.gan.translation.tiling import translate_tiled
-from slamgym.gan.weights import ModelCard, load_weights
+from slamgym.gan.weights import (
+    PRETRAINED_FOLDER,
+    ModelCard,
+    find_weights,
+    load_tensors,
+    load_weights,
+)
 from slamgym.metrics.layers import MapLayers
 from slamgym.metrics.maps import keep_thin_walls, resample_slam
 from slamgym.metrics.wall_direction import (
@@ -68,20 +74,21 @@ class LearnedTranslator:
     """A trained generator; satisfies :class:`Translator` if it gives CAD maps."""
 
     def __init__(
-        self, generator: Generator, config: TranslatorConfig, card: ModelCard, compute: Compute
+        self,
+        generate: Callable[[ByteArray], Float32Array],
+        config: TranslatorConfig,
+        card: ModelCard,
     ) -> None:
-        """Put the generator on a device.
+        """Take a generator.
 
         Args:
-            generator: In evaluation mode.
+            generate: Turns maps (N, S, S) of its size into what it draws, (N, out, R, R) in [-1, 1].
             config: What it is.
             card: Where it comes from.
-            compute: Device and precision.
         """
         self.config = config
         self.card = card
-        self._compute = compute
-        self._generator = compute.put(generator)
+        self._generate = generate
 
     def translate(
         self,
@@ -241,8 +248,7 @@ class LearnedTranslator:
 
     def _run(self, tiles: ByteArray) -> Float32Array:
         """Translate tiles (N, S, S) to (N, C, S, S)."""
-        resolution = self.config.output_size
-        images = run_generator(self._generator, tiles, self.config, self._compute, resolution)
+        images = self._generate(tiles)
         if images.shape[-1] == tiles.shape[-1]:
             return images
         count, channels, rows, cols = images.shape
@@ -256,7 +262,7 @@ def load_translator(
     direction: Direction | None = None,
     device: DeviceName = "cpu",
 ) -> LearnedTranslator:
-    """Load a translator, ready to use; no network is needed.
+    """Load a translator, ready to use; no network is needed, and for pretrained residual ones on the CPU no torch.
 
     Args:
         name_or_path: Pretrained weights (``slam2cad``, ...), a ``.safetensors`` file, or the folder of a finished run.
@@ -267,10 +273,18 @@ def load_translator(
         InputFileError: If the file can't be used.
         ConfigError: If no such weights exist or they translate the other way.
     """
-    weights = load_weights(name_or_path, direction)
-    return LearnedTranslator(
-        weights.generator, weights.config, weights.card, choose_compute(device, "float32")
-    )
+    path = find_weights(name_or_path)
+    if device == "cpu" and path.parent == PRETRAINED_FOLDER:
+        config, card, tensors = load_tensors(path, direction)
+        if config.generator.kind == "residual":
+            return LearnedTranslator(PlainUNet(tensors, config.generator.depth), config, card)
+    from slamgym.gan.device import choose_compute
+    from slamgym.gan.networks.factory import on_device
+
+    weights = load_weights(path, direction)
+    compute = choose_compute(device, "float32")
+    generate = on_device(weights.generator, weights.config, compute)
+    return LearnedTranslator(generate, weights.config, weights.card)
 
 
 def _shares(images: Float32Array) -> Float32Array:

@@ -68,7 +68,7 @@ def load_floor_model(name: str) -> FloorModel:
 
 
 def cleaned_floor(grid: OccupancyGrid, angle_deg: float) -> MapLayers:  # noqa: ARG001 - as any model
-    """The floor by classical cleaning, without any doors; needs no torch. All that isn't floor is wall."""
+    """The floor by classical cleaning, without any doors. All that isn't floor is wall."""
     clean = clean_map(grid.cells, grid.frame.resolution)
     return MapLayers.of_floor(faces_within_cells(clean))
 

@@ -67,7 +67,7 @@ def make_drawing(
     Args:
         grid: The map: 0 occupied, 205 unknown, 254 free.
         name: Name of the drawing.
-        model: Pretrained or other weights, ``none`` for cleaning alone (no torch), or a function that finds the layers.
+        model: Pretrained or other weights, ``none`` for cleaning alone, or a function that finds the layers.
         angle_deg: Direction of the main walls against the x axis, counter-clockwise; None finds it.
         provenance: Anything to keep with the drawing, e.g. the source.
         corrections: A person's last word. One that can't be carried out is left out, which is a doubt of the drawing.

@@ -44,8 +44,8 @@ def test_cad_draw_is_the_same_command(flat, tmp_path):
     ).read_bytes()
 
 
-def test_the_network_draws_too(flat, tmp_path, capsys):
-    pytest.importorskip("torch")
+def test_the_network_draws_too_without_torch(flat, tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "torch", None)
     assert (
         main(["cad", str(flat), "-o", str(tmp_path / "out"), "--formats", "json", "--angle", "0"])
         == 0

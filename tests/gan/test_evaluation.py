@@ -110,6 +110,7 @@ def copying_translator(side: int):
     torch = pytest.importorskip("torch")
     from slamgym.gan.config import TranslatorConfig
     from slamgym.gan.device import choose_compute
+    from slamgym.gan.networks.factory import on_device
     from slamgym.gan.networks.generators import GeneratorOutput
     from slamgym.gan.translation.translate import LearnedTranslator
     from slamgym.gan.weights import ModelCard
@@ -122,7 +123,9 @@ def copying_translator(side: int):
         direction="cad2slam", input_size=side, output_size=side, input_encoding="free_occupied",
         output_encoding="free_occupied",
     )  # fmt: skip
-    return LearnedTranslator(Copy(), config, ModelCard(), choose_compute("cpu", "float32"))
+    return LearnedTranslator(
+        on_device(Copy(), config, choose_compute("cpu", "float32")), config, ModelCard()
+    )
 
 
 @pytest.fixture

@@ -15,12 +15,19 @@ from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from slamgym.gan.config import GeneratorConfig, TranslatorConfig
 from slamgym.gan.device import choose_compute
-from slamgym.gan.networks.factory import build_generator
+from slamgym.gan.networks.factory import build_generator, on_device
 from slamgym.gan.networks.generators import GeneratorOutput
+from slamgym.gan.networks.plain_unet import PlainUNet
 from slamgym.gan.translation.finishing import thinned_walls
 from slamgym.gan.translation.tiling import tile_starts, translate_tiled
 from slamgym.gan.translation.translate import LearnedTranslator, Translator, load_translator
-from slamgym.gan.weights import ModelCard, save_translator
+from slamgym.gan.weights import (
+    PRETRAINED_FOLDER,
+    ModelCard,
+    load_tensors,
+    load_weights,
+    save_translator,
+)
 from slamgym.interop.ros_map import read_ros_map, write_ros_map
 from slamgym.metrics.wall_direction import turned
 
@@ -58,7 +65,7 @@ class Copy(nn.Module):
 
 
 def copying(config=CONFIG, **kwargs):
-    return LearnedTranslator(Copy(**kwargs), config, ModelCard(), CPU)
+    return LearnedTranslator(on_device(Copy(**kwargs), config, CPU), config, ModelCard())
 
 
 def building(rows, cols, margin=0.2, fill=UNKNOWN):
@@ -157,7 +164,7 @@ def test_cad_to_slam_draws_the_three_values():
         def forward(self, x, resolution=None, fade=1.0):
             return GeneratorOutput(torch.cat([x, -torch.ones_like(x)], dim=1))
 
-    translator = LearnedTranslator(Inverse(), config, ModelCard(), CPU)
+    translator = LearnedTranslator(on_device(Inverse(), config, CPU), config, ModelCard())
     cad = building(90, 64, fill=OCCUPIED)
     slam = translator.translate_cells(cad, 0.1)
     assert slam.shape == cad.shape
@@ -390,9 +397,19 @@ def test_walls_thinner_than_a_pixel_of_the_map_stay_closed():
     config = dataclasses.replace(
         CONFIG, input_size=128, output_size=128, metres_per_px=(0.05, 0.05, 0.05)
     )
-    translator = LearnedTranslator(Stripes(), config, ModelCard(), CPU)
+    translator = LearnedTranslator(on_device(Stripes(), config, CPU), config, ModelCard())
     # A wall covers a third of a pixel. The network's image is 120 cells wide, in the middle of a tile of 128.
     layers = translator.layers(np.full((40, 40), FREE, np.uint8), 0.15)
     count, _ = cv2.connectedComponents((layers.free >= 0.5).astype(np.uint8), connectivity=8)
     assert count - 1 == len(range(13, 124, 13)) + 1
     assert np.allclose(layers.floor + layers.wall + layers.door + layers.unseen, 1.0, atol=1e-5)
+
+
+def test_the_shipped_network_draws_the_same_without_torch():
+    config, _, tensors = load_tensors(PRETRAINED_FOLDER / "slam2cad.safetensors")
+    generate = on_device(load_weights("slam2cad").generator, config, CPU)
+    cells = np.random.default_rng(0).choice(
+        np.array([OCCUPIED, UNKNOWN, FREE], np.uint8), (2, config.input_size, config.input_size)
+    )
+    plain = PlainUNet(tensors, config.generator.depth)
+    np.testing.assert_allclose(plain(cells), generate(cells), atol=1e-4)

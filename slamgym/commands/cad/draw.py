@@ -53,7 +53,7 @@ class CadArguments(Arguments):
     """Any of dxf, svg, ifc, geojson, json, png, html (the report), yaml (a ROS map of the drawing); for robots
     keepout.yaml (a mask for Nav2's filter), route.geojson (a graph for its route server), sdf (a Gazebo world)."""
     model: str = DEFAULT_MODEL
-    """Pretrained or other weights; ``none`` cleans the map without a network (needs no torch)."""
+    """The package's network, other weights (which need torch), or ``none``, which cleans the map without a network."""
     angle: Annotated[float, Within(ge=-360.0, le=360.0)] | None = None
     """Direction of the main walls [deg, counter-clockwise from the map's x axis]; found in the map by default."""
     resolution: Positive | None = None
@@ -74,10 +74,8 @@ def main(arguments: CadArguments, typed: str) -> int:
     for path in arguments.maps:
         require_input(path, "a map's yaml, a picture of a map or a folder")
     formats = _formats(arguments.formats)
-    if arguments.model != "none":
-        require(
-            TRANSLATING, f"--model {arguments.model}", ", or draw without a network by --model none"
-        )
+    if arguments.model not in (DEFAULT_MODEL, "none"):
+        require(TRANSLATING, f"--model {arguments.model}", f", or draw by --model {DEFAULT_MODEL}")
     require_folder(arguments.out)
     maps: list[Path] = []
     for path in arguments.maps:
