@@ -14,8 +14,8 @@ from slamgym.core.geometry import between, compose, inverse, wrap_angle
 from slamgym.core.types import UNKNOWN, GridFrame, OccupancyGrid, Pose2D
 from slamgym.ros2.foreign_maps import LATTICE_CELL
 from slamgym.slam.merge.drawing import Picture, paint
-from slamgym.slam.merge.merging import FINE_TOLERANCE, Part, compare_parts
-from slamgym.slam.merge.overlay import agreement
+from slamgym.slam.merge.merging import Part, compare_parts
+from slamgym.slam.merge.overlay import FINE, agreement
 from slamgym.slam.merge.verdict import UNKNOWN_BUILDINGS
 
 GROWTH = 1.1
@@ -121,7 +121,7 @@ def find_place(
     pose, _ = first.fields.align(second.floor.surfaces, np.array(guess))
     place = Pose2D(*pose.tolist())
     moved = between(guess, place)
-    said = agreement(first.fields, second.fields, pose, FINE_TOLERANCE)
+    said = agreement(first.fields, second.fields, pose, FINE)
     is_near = max(abs(moved.x), abs(moved.y)) < FARTHEST_ALIGNED[0]
     is_turned = abs(wrap_angle(moved.theta)) > FARTHEST_ALIGNED[1]
     is_sure = UNKNOWN_BUILDINGS.evidence(said) >= UNKNOWN_BUILDINGS.sure

@@ -144,6 +144,14 @@ def best_in_block(
 
 
 @kernel
+def face_of(x: float, y: float) -> int:
+    """Number of the axis x, y, -x or -y that a direction is nearest to."""
+    if abs(x) >= abs(y):
+        return 0 if x > 0.0 else 2
+    return 1 if y > 0.0 else 3
+
+
+@kernel
 def turned_cells(
     points: FloatArray, sides: FloatArray, headings: FloatArray, origin: FloatArray, width: int
 ) -> tuple[Int32Array, Int32Array]:
@@ -169,16 +177,7 @@ def turned_cells(
         for i in range(len(sides)):
             x = cos * sides[i, 0] - sin * sides[i, 1]
             y = sin * sides[i, 0] + cos * sides[i, 1]
-            is_along_x = abs(x) >= abs(y)
-            if is_along_x and x > 0.0:
-                face = 0
-            elif is_along_x:
-                face = 2
-            elif y > 0.0:
-                face = 1
-            else:
-                face = 3
-            us[a, i] += width * face
+            us[a, i] += width * face_of(x, y)
     return us, vs
 
 

@@ -84,7 +84,7 @@ class Floor:
     """What is sought of it on other maps."""
 
 
-def graph_floor(graph: MapGraph, submaps: list[Submap]) -> Floor:
+def graph_floor(graph: MapGraph, submaps: list[Submap], has_views: bool = True) -> Floor:
     """The floor of a graph with its submaps: what stands there now."""
     grid = draw_days(graph)
     frames = graph.poses[graph.submaps[:, 0]]
@@ -93,7 +93,7 @@ def graph_floor(graph: MapGraph, submaps: list[Submap]) -> Floor:
     if len(graph.drives) > 1:
         placed = [_standing(surfaces, grid) for surfaces in placed]
     views: list[View] = []
-    for number, frame in enumerate(frames):
+    for number, frame in enumerate(frames if has_views else []):
         if any(np.hypot(*(view.pose - frame)[:2]) < VIEW_SPACING for view in views):
             continue
         first = max(0, number - VIEW_SUBMAPS)

@@ -94,7 +94,8 @@ def merge_parts(
             return Refusal(merged, part, verdict)
         merged = _added(merged, base, part, verdict)
         left = [other for other in left if other is not part]
-        base = _as_part(merged, first.name)
+        if left:
+            base = _as_part(merged, first.name)
     return merged
 
 

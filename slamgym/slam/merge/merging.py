@@ -13,14 +13,10 @@ from slamgym.slam.graph.relative import moved_by
 from slamgym.slam.graph.submaps import Submap
 from slamgym.slam.merge.floor import Floor, draw_submaps, graph_floor, picture_floor
 from slamgym.slam.merge.joint import join
-from slamgym.slam.merge.overlay import FloorFields, agreement
+from slamgym.slam.merge.overlay import COARSE, FINE, FloorFields, agreement
 from slamgym.slam.merge.search import find_transforms
 from slamgym.slam.merge.verdict import JointVerdict, Odds, Overlay, judge_joint
 
-COARSE_TOLERANCE = 0.2
-"""Walls agree that are so near, before two maps are aligned [m]."""
-FINE_TOLERANCE = 0.1
-"""Walls agree that are so near, once they are [m]: a cell of a submap."""
 MOST_ALIGNED = 24
 """So many places are aligned ..."""
 MOST_JOINED = 4
@@ -77,36 +73,57 @@ def _fields(name: str, floor: Floor) -> FloorFields:
 
 def compare_parts(first: Part, second: Part, odds: Odds) -> JointVerdict:
     """Find where one map lies on another, and judge it."""
-    unknown = np.zeros((3, 3))
     transforms = find_transforms(first.floor, second.floor)
-    coarse = [_rigid(first, second, odds, pose, unknown, COARSE_TOLERANCE) for pose in transforms]
     aligned = []
-    for hypothesis in _distinct(coarse, second, MOST_ALIGNED):
+    for hypothesis in _placed_roughly(first, second, odds, transforms):
         pose, covariance = first.fields.align(second.floor.surfaces, hypothesis.pose)
-        aligned.append(_rigid(first, second, odds, pose, covariance, FINE_TOLERANCE))
-    best = _distinct(aligned, second, MOST_JOINED)
+        aligned.append(_rigid(first, second, odds, pose, covariance, FINE))
+    best = best_places(aligned, second, odds, MOST_JOINED)
     if first.submaps and second.submaps:
         joined = [_joined(first, second, odds, hypothesis) for hypothesis in best]
-        best = _distinct(joined, second, MOST_JOINED)  # some have met
+        best = best_places(joined, second, odds, MOST_JOINED)  # some have met
     return judge_joint(best, odds)
 
 
+def _placed_roughly(
+    first: Part, second: Part, odds: Odds, transforms: list[FloatArray]
+) -> list[Overlay]:
+    """The best of some places (3,); as few as possible are looked at closely."""
+    fields = (first.fields, second.fields)
+    said = [agreement(*fields, pose, COARSE, tells_walls=False) for pose in transforms]
+    bounds = np.array([odds.bound(one) for one in said])
+    unknown = np.zeros((3, 3))
+    judged: list[Overlay] = []
+    for count, number in enumerate(np.argsort(-bounds, kind="stable").tolist()):
+        if count % MOST_ALIGNED == 0:
+            best = best_places(judged, second, odds, MOST_ALIGNED)
+            if len(best) >= MOST_ALIGNED and best[MOST_ALIGNED - 1].evidence > bounds[number]:
+                break
+        judged.append(_rigid(first, second, odds, transforms[number], unknown, COARSE))
+    return best_places(judged, second, odds, MOST_ALIGNED)
+
+
 def _rigid(
-    first: Part,
-    second: Part,
-    odds: Odds,
-    pose: FloatArray,
-    covariance: FloatArray,
-    tolerance: float,
+    first: Part, second: Part, odds: Odds, pose: FloatArray, covariance: FloatArray, tolerance: int
 ) -> Overlay:
     said = agreement(first.fields, second.fields, pose, tolerance)
     return Overlay(pose, covariance, said, odds.evidence(said))
 
 
-def _distinct(hypotheses: list[Overlay], second: Part, most: int) -> list[Overlay]:
-    """The best of some ways, each clearly different from those before."""
-    middle = np.array([*second.floor.surfaces.points.mean(axis=0), 0.0])
+def best_places(hypotheses: list[Overlay], second: Part, odds: Odds, most: int) -> list[Overlay]:
+    """The best of some ways, each clearly different from those before, and that with most agreement.
+
+    The walls of large maps that bend contradict each other even where the maps belong, until these are joined.
+    """
     ranked = sorted(hypotheses, key=lambda hypothesis: -hypothesis.evidence)
+    kept = _distinct(ranked, second, most)
+    favoured = sorted(hypotheses, key=lambda hypothesis: -odds.bound(hypothesis.agreement))
+    return _distinct(kept + favoured[:1], second, most + 1)
+
+
+def _distinct(ranked: list[Overlay], second: Part, most: int) -> list[Overlay]:
+    """The first of some ways, each clearly different from those before."""
+    middle = np.array([*second.floor.surfaces.points.mean(axis=0), 0.0])
     kept: list[Overlay] = []
     places = np.zeros((0, 3))
     for hypothesis in ranked:
@@ -130,7 +147,10 @@ def _joined(first: Part, second: Part, odds: Odds, hypothesis: Overlay) -> Overl
     if joint is None:
         return hypothesis
     parts = joint.parts(first.graph, second.graph)
-    one, other = (FloorFields(graph_floor(graph, draw_submaps(graph))) for graph in parts)
-    said = agreement(one, other, np.zeros(3), FINE_TOLERANCE)
+    one, other = (
+        FloorFields(graph_floor(graph, own, has_views=False))
+        for graph, own in zip(parts, submaps, strict=True)
+    )
+    said = agreement(one, other, np.zeros(3), FINE)
     pose = np.array(align_se2(second.graph.poses[:, :2], parts[1].poses[:, :2]))
     return hypothesis._replace(pose=pose, agreement=said, evidence=odds.evidence(said), joint=joint)

@@ -1,21 +1,34 @@
 """How well two floors agree where both were seen: walls that lie on walls, and walls that lie in open floor."""
 
+import math
+from functools import cached_property
 from typing import NamedTuple
 
 import cv2
 import numpy as np
-from scipy.ndimage import distance_transform_edt
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
+from slamgym.core.jit import kernel
 from slamgym.core.portable import inverted
 from slamgym.core.types import FREE, BoolArray, ByteArray, Float32Array, FloatArray, IntArray
-from slamgym.slam.graph.alignment import FACES, AlignmentTarget
+from slamgym.slam.branch_and_bound import face_of
+from slamgym.slam.graph.alignment import AlignmentTarget
 from slamgym.slam.graph.relative import match_with, seen_from
 from slamgym.slam.graph.submaps import SUBMAP_CELL, Submap
-from slamgym.slam.merge.days import ADJOINING
-from slamgym.slam.merge.floor import Floor, WallPieces, faces_of
+from slamgym.slam.merge.floor import Floor, WallPieces
 
 FIELD_BORDER = 1.0
 """Width of the strip round a map in which distances to its walls are known [m]."""
+TOLERANCES = (0.2, 0.1)
+"""Walls agree that are so near, before two maps are aligned and once they are [m]; the second is a cell of a submap."""
+COARSE, FINE = 0, 1
+"""Their numbers."""
+LEAST_AWAY = 1e-3
+"""Distances that differ by less are the same [m]."""
+OPEN = 2
+"""State of free floor in the open; other free floor has 1, all else 0."""
 OPEN_ROUND = 0.25
 """Floor that is free so far all round is open [m]: a wall in it is none that noisy lasers smear or bent maps move, and
 a door is wider. In 17 right pairs with 1.6 km of wall one piece is left (ten at 0.15 m, four at 0.2 m), in each of 15
@@ -47,23 +60,32 @@ class FloorFields:
         self._cell = frame.resolution
         border = round(FIELD_BORDER / self._cell)
         self._corner = np.array([frame.origin_x, frame.origin_y]) - border * self._cell
-        free = np.pad(floor.grid.cells[::-1] == FREE, border)
-        self._away: Float32Array = np.empty((FACES, *free.shape), np.float32)
-        points, sides = floor.surfaces
-        rows, cols = self._cells(points)
-        nowhere = np.ones(free.shape, dtype=bool)
+        free: ByteArray = np.pad((floor.grid.cells[::-1] == FREE).astype(np.uint8), border)
+        points = floor.surfaces.points
+        cols, rows = np.floor((points - self._corner) / self._cell).astype(np.int64).T
+        self._near: ByteArray = np.zeros((len(TOLERANCES), *free.shape), np.uint8)
         for face, is_seen in enumerate(floor.surfaces.seen_by_face()):
-            is_empty = nowhere.copy()
-            is_empty[rows[is_seen], cols[is_seen]] = False
-            self._away[face] = distance_transform_edt(is_empty, sampling=self._cell)
+            is_empty = np.ones(free.shape, np.uint8)
+            is_empty[rows[is_seen], cols[is_seen]] = 0
+            away = self._away_from_zeros(is_empty)
+            for near, tolerance in zip(self._near, TOLERANCES, strict=True):
+                near[away < tolerance + LEAST_AWAY] |= 1 << face
+        is_open = self._away_from_zeros(free) > OPEN_ROUND - 0.5 * self._cell
+        self._ground: ByteArray = free + is_open
+
+    def _away_from_zeros(self, image: ByteArray) -> Float32Array:
+        """Distance of each cell from the next one that is 0 [m]."""
+        away = cv2.distanceTransform(image, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        return np.asarray(away, np.float32) * np.float32(self._cell)
+
+    @cached_property
+    def _target(self) -> AlignmentTarget:
+        points, sides = self.floor.surfaces
         reach = float(np.hypot(points[:, 0], points[:, 1]).max()) + FIELD_BORDER
         submap = Submap(0, reach)
         submap.add(np.zeros(3), points, sides)
         submap.close()
-        self._target = AlignmentTarget([submap], np.zeros((1, 3)))
-        clearance = distance_transform_edt(free, sampling=self._cell)
-        self._is_free: BoolArray = free
-        self._is_open: BoolArray = clearance > OPEN_ROUND - 0.5 * self._cell
+        return AlignmentTarget([submap], np.zeros((1, 3)))
 
     def align(self, surfaces: WallPieces, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The pose (3,) near a given one at which some surfaces in its frame lie best on this floor's walls.
@@ -77,45 +99,93 @@ class FloorFields:
         match = match_with(np.zeros((1, 3)), 0, 0, placed.pose, sums, 1)
         return placed.pose, inverted(match.information + np.eye(3))
 
-    def _cells(self, points: FloatArray) -> tuple[IntArray, IntArray]:
-        """Rows and columns of points (n, 2), the lowest row first."""
-        cols, rows = np.floor((points - self._corner) / self._cell).astype(np.int64).T
-        return rows, cols
+    def compare(
+        self, surfaces: WallPieces, pose: FloatArray, tolerance: int, tells_walls: bool
+    ) -> FloatArray:
+        """Metres (3,) of surfaces in the frame of a pose (3,), as for :func:`agreement`."""
+        near = self._near[tolerance]
+        agreed, free = lay_surfaces(*surfaces, pose, near, self._ground, self._corner, self._cell)
+        is_open = self._ground[free[:, 0], free[:, 1]] == OPEN
+        stands = np.count_nonzero(is_open)
+        walls = self._count_walls(free, is_open) if tells_walls and stands else 0
+        return SUBMAP_CELL * np.array([agreed, walls, stands - walls])
 
-    def compare(self, surfaces: WallPieces, tolerance: float) -> FloatArray:
-        """Metres (3,) of surfaces as :class:`WallAgreement` has them, to within a tolerance [m]."""
-        rows, cols = self._cells(surfaces.points)
-        height, width = self._is_open.shape
-        is_inside = (rows >= 0) & (cols >= 0) & (rows < height) & (cols < width)
-        rows, cols = rows[is_inside], cols[is_inside]
-        faces = faces_of(surfaces.sides[is_inside])
-        away = self._away[faces, rows, cols]
-        is_agreed = away <= tolerance
-        is_apart = self._is_free[rows, cols] & ~is_agreed
-        false, moved = self._count_open(rows[is_apart], cols[is_apart])
-        return SUBMAP_CELL * np.array([np.count_nonzero(is_agreed), false, moved])
-
-    def _count_open(self, rows: IntArray, cols: IntArray) -> tuple[int, int]:
-        """Numbers of some cells on free floor that lie in the open, those that are parts of walls and others."""
-        apart: ByteArray = np.zeros(self._is_open.shape, np.uint8)
-        apart[rows, cols] = 1
-        _, pieces = cv2.connectedComponents(cv2.dilate(apart, ADJOINING))
-        numbers = pieces[rows, cols]
-        is_open = self._is_open[rows, cols]
+    def _count_walls(self, cells: IntArray, is_open: BoolArray) -> int:
+        """Number of some cells (n, 2) on free floor that lie in the open and are parts of walls."""
+        numbers = piece_numbers(cells)
+        order = np.argsort(numbers, kind="stable")
         walls = 0
-        for number in np.unique(numbers[is_open]).tolist():
-            is_own = numbers == number
-            points = np.column_stack([cols[is_own], rows[is_own]]).astype(np.float32)
-            _, sides, _ = cv2.minAreaRect(points)
+        for own in np.split(order, np.flatnonzero(np.diff(numbers[order])) + 1):
+            in_open = np.count_nonzero(is_open[own])
+            if not in_open:
+                continue
+            _, sides, _ = cv2.minAreaRect(cells[own].astype(np.float32))
             length = self._cell * max(sides)
             width = self._cell * min(sides)
             if length >= LEAST_WALL and width <= max(MOST_THICK, MOST_WIDE * length):
-                walls += int(np.count_nonzero(is_open & is_own))
-        return walls, int(np.count_nonzero(is_open)) - walls
+                walls += in_open
+        return walls
+
+
+@kernel
+def lay_surfaces(
+    points: FloatArray,
+    sides: FloatArray,
+    pose: FloatArray,
+    near: ByteArray,
+    ground: ByteArray,
+    corner: FloatArray,
+    cell: float,
+) -> tuple[int, IntArray]:
+    """Count surfaces near walls that face the same way, and find those on free floor elsewhere.
+
+    Args:
+        points: (n, 2) surfaces [m].
+        sides: (n, 3) their sides.
+        pose: (3,) of the frame in which both are given.
+        near: (rows, cols) with a bit for each face that a wall nearby has.
+        ground: (rows, cols) 0 where floor isn't free.
+        corner: (2,) of the cells [m].
+        cell: Their size [m].
+
+    Returns:
+        The number, and the rows and columns (m, 2) of the others.
+    """
+    rows, cols = ground.shape
+    cos = math.cos(pose[2])
+    sin = math.sin(pose[2])
+    free = np.empty((len(points), 2), dtype=np.int64)
+    agreed = count = 0
+    for i in range(len(points)):
+        x = pose[0] + cos * points[i, 0] - sin * points[i, 1]
+        y = pose[1] + sin * points[i, 0] + cos * points[i, 1]
+        col = math.floor((x - corner[0]) / cell)
+        row = math.floor((y - corner[1]) / cell)
+        if row < 0 or col < 0 or row >= rows or col >= cols:
+            continue
+        face = face_of(cos * sides[i, 0] - sin * sides[i, 1], sin * sides[i, 0] + cos * sides[i, 1])
+        if near[row, col] >> face & 1:
+            agreed += 1
+        elif ground[row, col]:
+            free[count, 0] = row
+            free[count, 1] = col
+            count += 1
+    return agreed, free[:count]
+
+
+def piece_numbers(cells: IntArray) -> IntArray:
+    """Number the pieces (n,) of some cells (n, 2) of a grid; two are in one piece if fewer than three lie between."""
+    first, second = cKDTree(cells).query_pairs(3.0, p=np.inf, output_type="ndarray").T
+    beside = coo_array((np.ones(len(first)), (first, second)), shape=(len(cells), len(cells)))
+    return np.asarray(connected_components(beside, directed=False)[1])
 
 
 def agreement(
-    here: FloorFields, there: FloorFields, pose: FloatArray, tolerance: float
+    here: FloorFields,
+    there: FloorFields,
+    pose: FloatArray,
+    tolerance: int,
+    tells_walls: bool = True,
 ) -> WallAgreement:
     """Compare two floors.
 
@@ -123,8 +193,10 @@ def agreement(
         here: One of them.
         there: The other.
         pose: (3,) of the frame of ``there`` in that of ``here``.
-        tolerance: Walls agree that are so near [m].
+        tolerance: ``COARSE`` or ``FINE``.
+        tells_walls: Tell walls from what was moved; else all counts as moved, which is quicker.
     """
-    ahead = here.compare(there.floor.surfaces.placed(pose), tolerance)
-    back = there.compare(here.floor.surfaces.placed(seen_from(pose, np.zeros(3))), tolerance)
+    ahead = here.compare(there.floor.surfaces, pose, tolerance, tells_walls)
+    back_pose = seen_from(pose, np.zeros(3))
+    back = there.compare(here.floor.surfaces, back_pose, tolerance, tells_walls)
     return WallAgreement(*(0.5 * (ahead + back)).tolist())

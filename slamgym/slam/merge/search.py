@@ -24,6 +24,9 @@ VIEW_MARGIN = 0.15
 PLACES_OF_A_VIEW = 25
 """So many places of a view are kept."""
 
+MOST_VIEWS = 40
+"""So many views of a floor are sought, spread over it: enough of those of a large floor."""
+
 
 class SearchedFloor:
     """A floor on which views are searched."""
@@ -79,12 +82,18 @@ def find_transforms(first: Floor, second: Floor) -> list[FloatArray]:
     on_first = SearchedFloor(first)
     on_second = SearchedFloor(second)
     found = []
-    for view in second.views:
+    for view in _sought(second):
         found += [_placed_by(view, place) for place in on_first.find(view.surfaces)]
-    for view in first.views:
+    for view in _sought(first):
         places = on_second.find(view.surfaces)
         found += [seen_from(_placed_by(view, place), np.zeros(3)) for place in places]
     return found
+
+
+def _sought(floor: Floor) -> list[View]:
+    count = len(floor.views)
+    numbers = np.linspace(0.0, count - 1.0, min(count, MOST_VIEWS)).round().astype(np.int64)
+    return [floor.views[number] for number in numbers.tolist()]
 
 
 def _placed_by(view: View, place: FloatArray) -> FloatArray:

@@ -31,6 +31,11 @@ class Odds(NamedTuple):
         against = self.contradicted * contradicted + self.moved * moved
         return self.agreed * agreed - against
 
+    def bound(self, agreement: WallAgreement) -> float:
+        """The most that this can be, if all that stands in open floor was moved [nats]."""
+        agreed, contradicted, moved = agreement
+        return self.evidence(WallAgreement(agreed, 0.0, contradicted + moved))
+
 
 UNKNOWN_BUILDINGS = Odds(agreed=0.16, contradicted=15.0, moved=1.0, sure=5.5, margin=3.0)
 """Nothing is known of two maps: they may be of storeys of the same rooms. A wall in the other map's open floor is a

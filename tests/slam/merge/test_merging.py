@@ -3,6 +3,7 @@
 import functools
 import math
 
+import cv2
 import numpy as np
 import pytest
 from drawn_drives import FLAT, HERE, OTHER, ROUND, THERE, draw, drive
@@ -14,8 +15,9 @@ from slamgym.slam import SlamConfig
 from slamgym.slam.graph.relative import seen_from
 from slamgym.slam.merge.drawing import Picture, paint
 from slamgym.slam.merge.merged import Merged, Refusal, merge_parts
-from slamgym.slam.merge.merging import Part
-from slamgym.slam.merge.overlay import agreement
+from slamgym.slam.merge.merging import Part, best_places
+from slamgym.slam.merge.overlay import FINE, WallAgreement, agreement, piece_numbers
+from slamgym.slam.merge.verdict import UNKNOWN_BUILDINGS, Overlay
 from slamgym.slam.replay import replay
 
 MIRRORED = FLAT * [-1.0, 1.0, -1.0, 1.0]
@@ -97,9 +99,31 @@ def test_a_wall_in_open_floor_contradicts_and_what_was_moved_does_not(thing, is_
     without = Part.of_picture("without", draw(FLAT, (1, 1)))
     walls = np.vstack([FLAT, np.array(thing, dtype=np.float64)])
     other = Part.of_picture("with", draw(walls, (1, 1)))
-    said = agreement(without.fields, other.fields, np.zeros(3), 0.1)
+    said = agreement(without.fields, other.fields, np.zeros(3), FINE)
     assert said.agreed > 20.0
     assert (said.contradicted > 0.3) == is_wall
+
+
+def test_pieces_of_wall_are_those_that_no_wide_gap_parts():
+    rows, cols = np.nonzero(np.random.default_rng(0).random((60, 70)) < 0.015)
+    cells = np.column_stack([rows, cols])
+    image = np.zeros((60, 70), np.uint8)
+    image[rows, cols] = 1
+    _, pieces = cv2.connectedComponents(cv2.dilate(image, np.ones((3, 3), np.uint8)))
+    numbers = piece_numbers(cells)
+    pairs = np.unique(np.column_stack([numbers, pieces[rows, cols]]), axis=0)
+    assert len(pairs) == numbers.max() + 1 == len(np.unique(pieces)) - 1 > 5
+
+
+def test_the_place_with_most_agreement_is_joined_though_bent_walls_contradict_there():
+    bent = WallAgreement(agreed=600.0, contradicted=10.0, moved=0.0)
+    aligned = Overlay(np.zeros(3), np.eye(3), bent, UNKNOWN_BUILDINGS.evidence(bent))
+    others = [
+        Overlay(np.array([x, 0.0, 0.0]), np.eye(3), WallAgreement(50.0, 0.5, 0.0), 0.5)
+        for x in (5.0, 10.0, 15.0)
+    ]
+    best = best_places([aligned, *others], part("here"), UNKNOWN_BUILDINGS, 2)
+    assert [float(one.pose[0]) for one in best] == [5.0, 10.0, 0.0]
 
 
 def test_a_guess_is_made_where_it_is_asked_for_and_stays_in_doubt():
