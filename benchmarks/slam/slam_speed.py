@@ -33,7 +33,7 @@ MODULES = ("slamgym/slam",)
 GMAPPING_MS = {8: 10.6, 30: 40.0, 100: 128.0}
 """CPU time of GMapping per processed scan with 180 beams, by particles [ms]."""
 
-REPEATS = 3
+REPEATS = 2
 COLUMNS = (
     "changed",
     "particles",
@@ -52,7 +52,7 @@ def main() -> None:
     records, geometry = drive()
     time_mapper(records, geometry, SlamConfig(mode="rbpf"))  # compiles the kernels
     rows = [
-        row("particles", records, geometry, SlamConfig(particles=count))
+        row("particles", records, geometry, SlamConfig(mode="rbpf", particles=count))
         for count in (1, 8, 30, 100, 300)
     ]
     rows += [

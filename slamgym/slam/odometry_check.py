@@ -13,7 +13,7 @@ import numpy as np
 
 from slamgym.core.geometry import wrap_angle
 from slamgym.core.portable import inverted, product
-from slamgym.core.types import FloatArray, IntArray
+from slamgym.core.types import BoolArray, FloatArray, IntArray
 from slamgym.interop.odometry import retimed, without_odometry
 from slamgym.interop.records import Log
 from slamgym.metrics.trajectory import relative_poses
@@ -187,12 +187,28 @@ def odometry_shares(pairs: PairMotions) -> tuple[float, float, float]:
     # As complex numbers, a quotient of two motions is their scale and the angle between them.
     laser = x + 1j * y
     odometry = wheel_x + 1j * wheel_y
-    driving = np.abs(laser) > MOVED_METRES
+    driving = (np.abs(laser) > MOVED_METRES) & _shows_distance(pairs)
     ways = odometry[driving] / laser[driving]
     along = _middle(ways.real)
     across = _middle(ways.imag)
     angle = math.atan2(across, along)
     return _middle(turns), _middle(np.abs(ways)), angle
+
+
+def _shows_distance(pairs: PairMotions) -> BoolArray:
+    """Whether each distance by laser (N,) is larger than its standard deviation.
+
+    In a bare corridor each scan fits the one before best where it was: by such pairs the wheels of ACES, with every
+    other beam, measure 2.8 times the distance.
+    """
+    x, y, _ = pairs.laser.T
+    distance = np.hypot(x, y)
+    along = np.column_stack([x, y])
+    along /= np.maximum(distance, 1e-9)[:, None]
+    information = pairs.information / MATCH_ERRORS**2 + np.eye(3)
+    covariance = np.array([inverted(one)[:2, :2] for one in information]).reshape(-1, 2, 2)
+    variance = (along[:, :, None] * covariance * along[:, None, :]).sum(axis=(1, 2))
+    return distance > np.sqrt(variance)
 
 
 def _middle(values: FloatArray) -> float:

@@ -43,6 +43,20 @@ def test_a_good_log_has_no_finding(drive):
     assert (turns, ways, direction) == pytest.approx((0.98, 1.02, 0.0), abs=0.04)
 
 
+def test_pairs_in_a_bare_corridor_say_nothing_of_the_wheels_distances():
+    """There each scan fits the one before where it was, and little information along says so."""
+    count = 60
+    in_corridor = np.arange(count) % 3 > 0
+    motion = np.tile((1.0, 0.05, 0.1), (count, 1))
+    laser = motion.copy()
+    laser[in_corridor, 0] = 0.2
+    information = np.tile(np.diag([5e4, 5e4, 5e4]), (count, 1, 1))
+    information[in_corridor, 0, 0] = 300.0
+    scans = np.array([np.arange(count), np.arange(count) + 1])
+    pairs = PairMotions(scans, 1.0 * scans, laser, information, motion)
+    assert odometry_shares(pairs) == pytest.approx((1.0, 1.0, 0.0), abs=1e-9)
+
+
 @pytest.mark.parametrize("late", [0.1, 0.3, 0.5, -0.2])
 def test_late_stamps_are_set_right(drive, late):
     wrong = retimed(drive, -late)

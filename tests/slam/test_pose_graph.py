@@ -9,6 +9,7 @@ from slamgym.metrics import absolute_trajectory_error
 from slamgym.sim.raycast import cast_rays
 from slamgym.slam import SlamConfig, make_mapper
 from slamgym.slam.config import PoseGraphConfig
+from slamgym.slam.graph.recovery import POOR_FIT
 from slamgym.slam.replay import replay
 
 
@@ -224,3 +225,20 @@ def test_odometry_that_lies_for_a_while_is_survived(drive, kind: str):
     result = run(lying(log, kind), mode="pose_graph")
     assert absolute_trajectory_error(result.trajectory, truth).translation.rmse < 0.03
     assert result.stats.spans() == []
+
+
+def test_a_scan_that_fits_poorly_says_nothing_of_the_wheels(drive):
+    """It lies where the wheels say: that the wheels are right doesn't follow from it."""
+    log, _ = drive
+    start = Pose2D(*log.records[0].odometry)
+    config = SlamConfig(mode="pose_graph", temporal_update=0.1)
+    mapper = make_mapper(config, log.geometry, start, np.random.default_rng(0))
+    for record in log.records[:30]:
+        mapper.update(record.odometry, record.scan)
+    assert mapper._graph._nodes["bound"][-1].all()
+    record = log.records[30]
+    ranges = np.random.default_rng(0).uniform(0.5, 8.0, log.geometry.num_beams).astype(np.float32)
+    ranges[::4] = record.scan.ranges[::4]
+    mapper.update(record.odometry, LaserScan(record.stamp, ranges, log.geometry))
+    assert mapper._scans["fits"][-1] < POOR_FIT
+    assert not mapper._graph._nodes["bound"][-1].any()

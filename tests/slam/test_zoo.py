@@ -249,12 +249,12 @@ def test_a_run_of_one_mode_keeps_what_the_others_had_on_the_same_drives(tmp_path
     cell = {"robot": "lds-01", "place": "hall", "driven [m]": 40}
     other = {"robot": "vacuum", "place": "hall", "driven [m]": 41}
     now = [cell | {"pose_graph [ms]": 1.0}, other | {"pose_graph [ms]": 2.0}]
-    assert zoo.with_other_modes(path, now) == now
+    assert zoo.with_other_modes(path, now, zoo.CELL) == now
     before = [
         cell | {"pose_graph [ms]": 9.0, "rbpf [ms]": 8.0},
         other | {"driven [m]": 50, "rbpf [ms]": 7.0},
     ]
     path.write_text(json.dumps({"rows": before}))
-    first, second = zoo.with_other_modes(path, now)
+    first, second = zoo.with_other_modes(path, now, zoo.CELL)
     assert first == now[0] | {"rbpf [ms]": 8.0}
     assert second == now[1]

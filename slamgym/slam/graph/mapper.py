@@ -26,7 +26,7 @@ from slamgym.slam.graph.compass import Compass
 from slamgym.slam.graph.consistency import Consistency
 from slamgym.slam.graph.map_graph import DriveScans, MapGraph, drawn_poses
 from slamgym.slam.graph.pose_graph import PoseGraph
-from slamgym.slam.graph.recovery import Recovery, ScanView
+from slamgym.slam.graph.recovery import POOR_FIT, Recovery, ScanView
 from slamgym.slam.graph.relative import (
     Match,
     match_with,
@@ -253,7 +253,8 @@ class PoseGraphMapper(Mapper):
             self._stats.recovered_matches = self._recovery.recovered
         matches = self._matches(len(graph), numbers, placed)
         bound = np.zeros((3, 3))
-        for match in matches:
+        # A scan that fits poorly lies where the wheels say, and shows nothing of their errors.
+        for match in matches if placed.fit >= POOR_FIT else ():
             heading = float(graph.poses[match.old, 2])
             bound += turned_matrix(match.information, heading)
         graph.append(placed.pose, step, known, bound)
