@@ -33,6 +33,8 @@ VIEW_SUBMAPS = 1
 """A view holds a submap and so many before and behind it: 6 m of driving."""
 VIEW_SPACING = 2.0
 """Views lie so far apart [m]: nearer ones show the same."""
+TILE = 6.0
+"""Side of the tiles of a picture, each with a view: those of smaller ones show the same [m]."""
 SMOOTHED = 2.0
 """Standard deviation over which a picture is smoothed to find its walls' normals [cells]."""
 LEAST_SLOPE = 0.4
@@ -97,9 +99,9 @@ def graph_floor(graph: MapGraph, submaps: list[Submap], has_views: bool = True) 
         if any(np.hypot(*(view.pose - frame)[:2]) < VIEW_SPACING for view in views):
             continue
         first = max(0, number - VIEW_SUBMAPS)
-        around = _joined(placed[first : number + VIEW_SUBMAPS + 1])
+        around = join_pieces(placed[first : number + VIEW_SUBMAPS + 1])
         views.append(_view(frame, around))
-    return _floor(grid, _joined(placed), views)
+    return _floor(grid, join_pieces(placed), views)
 
 
 def _standing(surfaces: WallPieces, grid: OccupancyGrid) -> WallPieces:
@@ -119,7 +121,7 @@ def picture_floor(grid: OccupancyGrid) -> Floor:
     surfaces = _thinned(picture_surfaces(grid))
     rows, cols = np.nonzero(grid.cells == FREE)
     x, y = grid.frame.to_point(rows, cols)
-    tiles = np.floor(np.column_stack([x, y]) / VIEW_SPACING)
+    tiles = np.floor(np.column_stack([x, y]) / TILE)
     views = []
     for tile in np.unique(tiles, axis=0):
         is_inside = (tiles == tile).all(axis=1)
@@ -133,7 +135,8 @@ def _floor(grid: OccupancyGrid, surfaces: WallPieces, views: list[View]) -> Floo
     return Floor(grid, surfaces, tuple(rich))
 
 
-def _joined(parts: list[WallPieces]) -> WallPieces:
+def join_pieces(parts: list[WallPieces]) -> WallPieces:
+    """Some surfaces as one, thinned."""
     points = np.concatenate([part.points for part in parts])
     sides = np.concatenate([part.sides for part in parts])
     return _thinned(WallPieces(points, sides))

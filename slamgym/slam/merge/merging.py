@@ -79,10 +79,16 @@ def compare_parts(first: Part, second: Part, odds: Odds) -> JointVerdict:
         pose, covariance = first.fields.align(second.floor.surfaces, hypothesis.pose)
         aligned.append(_rigid(first, second, odds, pose, covariance, FINE))
     best = best_places(aligned, second, odds, MOST_JOINED)
-    if first.submaps and second.submaps:
-        joined = [_joined(first, second, odds, hypothesis) for hypothesis in best]
-        best = best_places(joined, second, odds, MOST_JOINED)  # some have met
-    return judge_joint(best, odds)
+    is_drawn = not (first.submaps and second.submaps)
+    join_at = _bent if is_drawn else _joined
+    joined = [join_at(first, second, odds, hypothesis) for hypothesis in best]
+    return judge_joint(best_places(joined, second, odds, MOST_JOINED), odds)  # some have met
+
+
+def _bent(first: Part, second: Part, odds: Odds, hypothesis: Overlay) -> Overlay:
+    """The same with each part of a picture laid by itself."""
+    said = agreement(first.fields, second.fields, hypothesis.pose, FINE, is_bent=True)
+    return hypothesis._replace(agreement=said, evidence=odds.evidence(said))
 
 
 def _placed_roughly(

@@ -10,14 +10,16 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from slamgym.core.geometry import wrap_angle
 from slamgym.core.jit import kernel
 from slamgym.core.portable import inverted
 from slamgym.core.types import FREE, BoolArray, ByteArray, Float32Array, FloatArray, IntArray
 from slamgym.slam.branch_and_bound import face_of
 from slamgym.slam.graph.alignment import AlignmentTarget
-from slamgym.slam.graph.relative import match_with, seen_from
+from slamgym.slam.graph.relative import match_with, moved_by, seen_from
 from slamgym.slam.graph.submaps import SUBMAP_CELL, Submap
-from slamgym.slam.merge.floor import Floor, WallPieces
+from slamgym.slam.merge.floor import Floor, WallPieces, join_pieces
+from slamgym.slam.merge.joint import MOST_MOVED
 
 FIELD_BORDER = 1.0
 """Width of the strip round a map in which distances to its walls are known [m]."""
@@ -99,12 +101,26 @@ class FloorFields:
         match = match_with(np.zeros((1, 3)), 0, 0, placed.pose, sums, 1)
         return placed.pose, inverted(match.information + np.eye(3))
 
-    def compare(
-        self, surfaces: WallPieces, pose: FloatArray, tolerance: int, tells_walls: bool
-    ) -> FloatArray:
-        """Metres (3,) of surfaces in the frame of a pose (3,), as for :func:`agreement`."""
+    def bent(self, other: Floor, pose: FloatArray) -> WallPieces:
+        """The surfaces of another floor about where a pose (3,) lays it: those nearest to a view are moved with it."""
+        points = other.surfaces.points
+        middles = np.array([view.pose[:2] for view in other.views]).reshape(-1, 2)
+        nearest = cKDTree(middles).query(points)[1] if len(middles) else np.zeros(len(points))
+        parts = []
+        for number, view in enumerate(other.views):
+            expected = moved_by(pose, view.pose)
+            place, _ = self.align(view.surfaces, expected)
+            moved = np.abs(place - expected)
+            if max(moved[:2]) > MOST_MOVED[0] or abs(wrap_angle(moved[2])) > MOST_MOVED[1]:
+                place = expected
+            own = WallPieces(*(part[nearest == number] for part in other.surfaces))
+            parts.append(own.placed(moved_by(place, seen_from(view.pose, np.zeros(3)))))
+        return join_pieces(parts) if parts else other.surfaces.placed(pose)
+
+    def compare(self, surfaces: WallPieces, tolerance: int, tells_walls: bool) -> FloatArray:
+        """Metres (3,) of surfaces as for :func:`agreement`."""
         near = self._near[tolerance]
-        agreed, free = lay_surfaces(*surfaces, pose, near, self._ground, self._corner, self._cell)
+        agreed, free = lay_surfaces(*surfaces, near, self._ground, self._corner, self._cell)
         is_open = self._ground[free[:, 0], free[:, 1]] == OPEN
         stands = np.count_nonzero(is_open)
         walls = self._count_walls(free, is_open) if tells_walls and stands else 0
@@ -116,7 +132,7 @@ class FloorFields:
         order = np.argsort(numbers, kind="stable")
         walls = 0
         for own in np.split(order, np.flatnonzero(np.diff(numbers[order])) + 1):
-            in_open = np.count_nonzero(is_open[own])
+            in_open = int(np.count_nonzero(is_open[own]))
             if not in_open:
                 continue
             _, sides, _ = cv2.minAreaRect(cells[own].astype(np.float32))
@@ -131,7 +147,6 @@ class FloorFields:
 def lay_surfaces(
     points: FloatArray,
     sides: FloatArray,
-    pose: FloatArray,
     near: ByteArray,
     ground: ByteArray,
     corner: FloatArray,
@@ -142,7 +157,6 @@ def lay_surfaces(
     Args:
         points: (n, 2) surfaces [m].
         sides: (n, 3) their sides.
-        pose: (3,) of the frame in which both are given.
         near: (rows, cols) with a bit for each face that a wall nearby has.
         ground: (rows, cols) 0 where floor isn't free.
         corner: (2,) of the cells [m].
@@ -152,19 +166,14 @@ def lay_surfaces(
         The number, and the rows and columns (m, 2) of the others.
     """
     rows, cols = ground.shape
-    cos = math.cos(pose[2])
-    sin = math.sin(pose[2])
     free = np.empty((len(points), 2), dtype=np.int64)
     agreed = count = 0
     for i in range(len(points)):
-        x = pose[0] + cos * points[i, 0] - sin * points[i, 1]
-        y = pose[1] + sin * points[i, 0] + cos * points[i, 1]
-        col = math.floor((x - corner[0]) / cell)
-        row = math.floor((y - corner[1]) / cell)
+        col = math.floor((points[i, 0] - corner[0]) / cell)
+        row = math.floor((points[i, 1] - corner[1]) / cell)
         if row < 0 or col < 0 or row >= rows or col >= cols:
             continue
-        face = face_of(cos * sides[i, 0] - sin * sides[i, 1], sin * sides[i, 0] + cos * sides[i, 1])
-        if near[row, col] >> face & 1:
+        if near[row, col] >> face_of(sides[i, 0], sides[i, 1]) & 1:
             agreed += 1
         elif ground[row, col]:
             free[count, 0] = row
@@ -186,6 +195,7 @@ def agreement(
     pose: FloatArray,
     tolerance: int,
     tells_walls: bool = True,
+    is_bent: bool = False,
 ) -> WallAgreement:
     """Compare two floors.
 
@@ -195,8 +205,10 @@ def agreement(
         pose: (3,) of the frame of ``there`` in that of ``here``.
         tolerance: ``COARSE`` or ``FINE``.
         tells_walls: Tell walls from what was moved; else all counts as moved, which is quicker.
+        is_bent: Lay each part of a floor where the other's walls near it are.
     """
-    ahead = here.compare(there.floor.surfaces, pose, tolerance, tells_walls)
-    back_pose = seen_from(pose, np.zeros(3))
-    back = there.compare(here.floor.surfaces, back_pose, tolerance, tells_walls)
-    return WallAgreement(*(0.5 * (ahead + back)).tolist())
+    said = np.zeros(3)
+    for one, other, place in ((here, there, pose), (there, here, seen_from(pose, np.zeros(3)))):
+        laid = one.bent(other.floor, place) if is_bent else other.floor.surfaces.placed(place)
+        said += 0.5 * one.compare(laid, tolerance, tells_walls)
+    return WallAgreement(*said.tolist())
