@@ -13,14 +13,14 @@ from slamgym.slam.hit_counts import HitCountMap
 KEPT_DRIVES = 3
 """So many of the newest drives that see a place are kept: two draw what has come, a third what was there before."""
 SEEN_AGAIN = 0.95
-"""A submap is taken out if newer drives see such a share of its cells."""
+"""A submap is taken out if so many newer drives, or what is kept of its own, see such a share of its cells."""
 KEPT_SHAPE = (0.02, 0.02, 0.01)
 """Standard deviations with which what is left keeps its place, where the nodes between are taken out [m], [m], [rad]:
 those of a match across a few metres."""
 
 
 def thinned(graph: MapGraph) -> MapGraph:
-    """A graph without the submaps that :data:`KEPT_DRIVES` newer drives show again; the poses stay."""
+    """A graph without the submaps that :data:`KEPT_DRIVES` newer drives, or others of their own, show again."""
     if len(graph.drives) <= KEPT_DRIVES:
         return graph
     whole = graph.counted(*graph.drives)
@@ -31,7 +31,8 @@ def thinned(graph: MapGraph) -> MapGraph:
         for number in _submaps_of(drive, graph.submaps):
             first, end = graph.submaps[number].tolist()
             cells = _known(graph, drive, slice(first, end), whole)
-            if (seen[cells] >= KEPT_DRIVES).mean() > SEEN_AGAIN:
+            needless = (seen[cells] >= KEPT_DRIVES) | day[cells]
+            if needless.mean() > SEEN_AGAIN:
                 is_kept[number] = False
             else:
                 day |= cells
