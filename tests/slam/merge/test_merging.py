@@ -126,6 +126,17 @@ def test_the_place_with_most_agreement_is_joined_though_bent_walls_contradict_th
     assert [float(one.pose[0]) for one in best] == [5.0, 10.0, 0.0]
 
 
+def test_each_part_of_a_bent_picture_is_laid_where_the_walls_near_it_are():
+    fields = picture("here").fields
+    off_place = np.array([0.12, -0.1, 0.02])
+    rigid = agreement(fields, fields, off_place, FINE)
+    bent = agreement(fields, fields, off_place, FINE, is_bent=True)
+    assert bent.agreed > 1.2 * rigid.agreed
+    # What is too far from walls that it could be is left where it is.
+    far = np.array([2.0, 1.3, 0.6])
+    assert agreement(fields, fields, far, FINE, is_bent=True).agreed < 0.5 * bent.agreed
+
+
 def test_a_guess_is_made_where_it_is_asked_for_and_stays_in_doubt():
     merged = merge_parts([part("here"), part("a corner")], guess=True)
     assert isinstance(merged, Merged)
