@@ -27,6 +27,7 @@ from slamgym.slam.graph.mapper import FEW_POINTS, LEAST_POINTS
 from slamgym.slam.graph.matching import SearchWindow
 from slamgym.slam.graph.recovery import NARROW_SEARCH_NATS, POINT_NATS
 from slamgym.slam.graph.relative import DAMPING, MATCH_FLOOR, chi_squared, pose_spreads, seen_from
+from slamgym.slam.graph.sight import ScanView, Sight
 from slamgym.slam.graph.submaps import Submap, sides_of
 from slamgym.slam.hit_count_kernels import BeamTable
 from slamgym.slam.steady_motion import SteadyMotion
@@ -125,6 +126,10 @@ class RecentScans:
         moved = np.abs(seen_from(self._keyframe, pose)).max()
         return bool(moved > KEYFRAME) and len(points) >= FEW_POINTS
 
+    def view(self, scan: LaserScan, points: FloatArray) -> ScanView:
+        """A scan with its points (n, 2)."""
+        return ScanView(points, self._sides(points), scan.ranges)
+
     def _target(self) -> AlignmentTarget:
         return AlignmentTarget(self._submaps, np.array(self._frames))
 
@@ -155,9 +160,15 @@ def by_laser(placed: Alignment) -> tuple[FloatArray, FloatArray]:
 
 
 def motion_between(first: LaserScan, second: LaserScan, expected: FloatArray) -> LaserMotion:
-    """The motion between two scans by the laser, which is ``expected`` (3,); their own motions are taken as true."""
+    """The motion between two scans by the laser, which is ``expected`` (3,); their own motions are taken as true.
+
+    Another one must fit better, and less of it be contradicted by what the scans saw through: in a bare corridor each
+    scan fits the one before best where that was taken.
+    """
     before = RecentScans(first.geometry)
-    before.draw(before.points(first, first.motion), np.zeros(3))
+    start = np.zeros(3)
+    seen = before.points(first, first.motion)
+    before.draw(seen, start)
     points = before.points(second, second.motion)
     unknown = np.zeros((3, 3))
     placed = no_alignment(expected)
@@ -168,7 +179,11 @@ def motion_between(first: LaserScan, second: LaserScan, expected: FloatArray) ->
             widths = np.clip(np.multiply(FASTEST, wait), LEAST_WIDTH, MOST_WIDTH)
             place = before.search(points, expected, *widths.tolist())
             found = before.align(points, place, place, unknown)
-            if found.fit > placed.fit + BETTER_FIT:
+            views = before.view(first, seen), before.view(second, points)
+            sight = Sight(first.geometry, TRACKED_RANGE)
+            clashes = [sight.clashes(views[1], one, views[0], start) for one in (placed, found)]
+            least = BETTER_FIT * len(points)
+            if found.fit > placed.fit + BETTER_FIT and clashes[0] > clashes[1] + least:
                 placed = found
     information = placed.equations.sums.sum(axis=0)[:3, :3]
     return LaserMotion(placed.pose, information, placed.fit)

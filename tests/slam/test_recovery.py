@@ -6,8 +6,8 @@ import pytest
 from slamgym.core.types import LaserGeometry, Pose2D
 from slamgym.slam.graph import recovery
 from slamgym.slam.graph.alignment import Alignment, NormalEquations
-from slamgym.slam.graph.recovery import Recovery, ScanView
-from slamgym.slam.graph.sight import Sight, count_seen_through
+from slamgym.slam.graph.recovery import Recovery
+from slamgym.slam.graph.sight import ScanView, Sight, count_seen_through
 from slamgym.slam.graph.submaps import sides_of
 
 LASER = LaserGeometry(180, np.radians(-89.5), np.radians(1.0), 0.1, 4.0, Pose2D(0.0, 0.0, 0.0))

@@ -26,7 +26,7 @@ from slamgym.slam.graph.compass import Compass
 from slamgym.slam.graph.consistency import Consistency
 from slamgym.slam.graph.map_graph import DriveScans, MapGraph, drawn_poses
 from slamgym.slam.graph.pose_graph import PoseGraph
-from slamgym.slam.graph.recovery import POOR_FIT, Recovery, ScanView
+from slamgym.slam.graph.recovery import POOR_FIT, Recovery
 from slamgym.slam.graph.relative import (
     Match,
     match_with,
@@ -35,7 +35,7 @@ from slamgym.slam.graph.relative import (
     seen_from,
     turned_matrix,
 )
-from slamgym.slam.graph.sight import Sight
+from slamgym.slam.graph.sight import ScanView, Sight
 from slamgym.slam.graph.submaps import Submap, sides_of
 from slamgym.slam.graph.wheels import WheelStep
 from slamgym.slam.laser_changes import seen_after

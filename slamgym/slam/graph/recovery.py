@@ -8,17 +8,15 @@ not moved. Chosen on ACES, CSAIL and FHW with the laser cut to 4 m: the paths th
 with that rule, 3.1, 4.3 and 1.6 m without.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 from slamgym.core.geometry import wrap_angle
 from slamgym.core.portable import inverted
-from slamgym.core.types import Float32Array, FloatArray
+from slamgym.core.types import FloatArray
 from slamgym.slam.graph.alignment import ALIGN_WIDTH, POINT_SHARE, Alignment, AlignmentTarget
 from slamgym.slam.graph.matching import SearchWindow
 from slamgym.slam.graph.relative import chi_squared, pose_spreads
-from slamgym.slam.graph.sight import SEEN_FIT, Sight
+from slamgym.slam.graph.sight import ScanView, Sight
 
 GOOD_FIT = 0.8
 """An alignment of a smaller share of fitting points is compared with a search where the odometry may err."""
@@ -41,24 +39,12 @@ WIDE_SEARCH_NATS = 9.0
 """Evidence for a place that a search in the largest window finds by chance, as it looks at so many [nats]."""
 LEAST_SCORE = 0.3
 """Score of a search below which nothing was found."""
-NEW_SHARE = 0.25
-"""What a point contradicts that fits nothing and was out of sight before. With 0 a robot whose wheels leap into another
-room stays there: nothing that it sees was in sight. With 0.15 one of six homes without odometry is 0.26 m off by a 12 m
-laser, with this 0.06 m; the paths through ACES, CSAIL and FHW cut to 4 m are the same."""
 WINDOW_DEVIATIONS = 6.0
 """A narrow window reaches so many standard deviations of the predicted pose from it."""
 LEAST_WINDOW = (0.1, 0.05)
 """Smallest window of a search [m], [rad]: what lies within it, an alignment finds by itself."""
 LARGEST_WINDOW = (1.0, 0.6)
 """Largest window of a search about the predicted pose [m], [rad]."""
-
-
-class ScanView(NamedTuple):
-    """A scan."""
-
-    points: FloatArray  # (n, 2) end points in the robot frame [m]
-    sides: FloatArray  # (n, 3) their sides in the robot frame
-    ranges: Float32Array  # (num_beams,) [m]
 
 
 class Recovery:
@@ -113,8 +99,8 @@ class Recovery:
             better = (other.fit - placed.fit) * len(points)
             explained = better
             if is_wide:
-                explained = self._clashes(scan, placed, before, last)
-                explained -= self._clashes(scan, other, before, last)
+                explained = self._sight.clashes(scan, placed, before, last)
+                explained -= self._sight.clashes(scan, other, before, last)
             gain = min(better, explained) * POINT_NATS
             gain -= WIDE_SEARCH_NATS if is_wide else NARROW_SEARCH_NATS
             self._suspicion += max(gain, 0.0)
@@ -126,19 +112,6 @@ class Recovery:
                 placed = other
                 self.recovered += 1
         return placed
-
-    def _clashes(
-        self, scan: ScanView, placed: Alignment, before: ScanView, last: FloatArray
-    ) -> float:
-        """Number of points that contradict a place.
-
-        Those of the scan that don't fit and through which the scan before, taken at a pose (3,), saw, the others a
-        little; and those of the scan before through which this one saw.
-        """
-        strange = scan.points[placed.fits < SEEN_FIT]
-        in_sight = self._sight.count(strange, placed.pose, last, before.ranges)
-        through = self._sight.count(before.points, last, placed.pose, scan.ranges)
-        return in_sight + through + NEW_SHARE * (len(strange) - in_sight)
 
 
 def _narrow_window(covariance: FloatArray) -> tuple[float, float]:

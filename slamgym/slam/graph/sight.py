@@ -1,17 +1,31 @@
 """Which points scans saw through: what was in sight and isn't there contradicts, what is new doesn't."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from slamgym.core.jit import kernel
 from slamgym.core.types import Float32Array, FloatArray, LaserGeometry
 from slamgym.slam.end_points import beam_at
+from slamgym.slam.graph.alignment import Alignment
 from slamgym.slam.graph.relative import moved_by, seen_from
 from slamgym.slam.graph.submaps import SUBMAP_CELL
 
 SEEN_FIT = 0.25
 """A point that fits better lies on a surface that was seen before."""
+NEW_SHARE = 0.25
+"""What a point contradicts that fits nothing and was out of sight before. With 0 a robot whose wheels leap into another
+room stays there: nothing that it sees was in sight. With 0.15 one of six homes without odometry is 0.26 m off by a 12 m
+laser, with this 0.06 m; the paths through ACES, CSAIL and FHW cut to 4 m are the same."""
+
+
+class ScanView(NamedTuple):
+    """A scan."""
+
+    points: FloatArray  # (n, 2) end points in the robot frame [m]
+    sides: FloatArray  # (n, 3) their sides in the robot frame
+    ranges: Float32Array  # (num_beams,) [m]
 
 
 class Sight:
@@ -40,6 +54,19 @@ class Sight:
             geometry.angle_increment,
             self._usable,
         )
+
+    def clashes(
+        self, scan: ScanView, placed: Alignment, before: ScanView, last: FloatArray
+    ) -> float:
+        """Number of points that contradict a place of a scan.
+
+        Those of the scan that don't fit and through which the scan before, taken at a pose (3,), saw, the others a
+        little; and those of the scan before through which this one saw.
+        """
+        strange = scan.points[placed.fits < SEEN_FIT]
+        in_sight = self.count(strange, placed.pose, last, before.ranges)
+        through = self.count(before.points, last, placed.pose, scan.ranges)
+        return in_sight + through + NEW_SHARE * (len(strange) - in_sight)
 
 
 @kernel
