@@ -33,7 +33,7 @@ VIEW_SUBMAPS = 1
 """A view holds a submap and so many before and behind it: 6 m of driving."""
 VIEW_SPACING = 2.0
 """Views lie so far apart [m]: nearer ones show the same."""
-TILE = 6.0
+PICTURE_TILE = 6.0
 """Side of the tiles of a picture, each with a view: those of smaller ones show the same [m]."""
 SMOOTHED = 2.0
 """Standard deviation over which a picture is smoothed to find its walls' normals [cells]."""
@@ -121,7 +121,7 @@ def picture_floor(grid: OccupancyGrid) -> Floor:
     surfaces = _thinned(picture_surfaces(grid))
     rows, cols = np.nonzero(grid.cells == FREE)
     x, y = grid.frame.to_point(rows, cols)
-    tiles = np.floor(np.column_stack([x, y]) / TILE)
+    tiles = np.floor(np.column_stack([x, y]) / PICTURE_TILE)
     views = []
     for tile in np.unique(tiles, axis=0):
         is_inside = (tiles == tile).all(axis=1)
