@@ -1,6 +1,6 @@
 """The frozen list of the benchmark: buildings, starts and seeds, and the check that the plans at hand are those.
 
-``v1/manifest.json`` lists each exploration of each track. Plans that may be passed on lie next to it in
+``frozen/manifest.json`` lists each exploration of each track. Plans that may be passed on lie next to it in
 ``plans.tar.xz``, as HouseExpo files; HouseExpo's own are named by their ids alone, and read from the user's copy. Every
 plan is compared by the SHA-256 of its outline, and furniture by its number of faces and their length.
 """
@@ -25,17 +25,18 @@ from slamgym.core.provenance import check_origin
 from slamgym.core.types import IntArray, Pose2D
 from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.envs.episode import fitted_env
-from slamgym.sim import ClutterConfig, LidarConfig
+from slamgym.sim import ClutterConfig
 
 BENCH = "slamgym-bench"
 """Name of the benchmark in its files."""
-BENCH_VERSION = 1
-"""Version of the list; another list would be another benchmark."""
-V1 = Path(__file__).parent / "v1"
+BENCH_VERSION = 2
+"""Version of the list; another list or another robot would be another benchmark. In version 1 all beams measured at
+once."""
+FROZEN = Path(__file__).parent / "frozen"
 """Folder of the list and of the plans that come with it."""
-MANIFEST = V1 / "manifest.json"
+MANIFEST = FROZEN / "manifest.json"
 """The list."""
-SHIPPED_PLANS = V1 / "plans.tar.xz"
+SHIPPED_PLANS = FROZEN / "plans.tar.xz"
 """Plans that may be passed on."""
 TEAMS = "teams"
 """The track on which teams are compared, as ``rl*2``: the buildings of ``loops``, in which a map that is laid wrong
@@ -78,11 +79,8 @@ class Track:
 
     @property
     def trial(self) -> TrialConfig:
-        """Settings of each exploration: default mapper and sensors, the promise of 98 % with 95 % certainty.
-
-        The laser measures all at once, as it did by default when version 1 was frozen.
-        """
-        return TrialConfig(env=ExploreConfig(lidar=LidarConfig(sweep=0.0), clutter=self.clutter))
+        """Settings of each exploration: default mapper and sensors, the promise of 98 % with 95 % certainty."""
+        return TrialConfig(env=ExploreConfig(clutter=self.clutter))
 
     def quick(self) -> "Track":
         """The first :data:`QUICK` explorations."""

@@ -1,8 +1,9 @@
-"""Draw the explorations of slamgym-bench and freeze them: agents/bench/v1.
+"""Draw the explorations of slamgym-bench and freeze them: agents/bench/frozen.
 
     python benchmarks/exploring/freeze_bench.py json.tar.gz polimi.jsonl.xz
 
-It was run once. It stays here to show how the list came about, and refuses to write over one that is there.
+It was run once, for version 1. It stays here to show how the list came about, and refuses to write over one that is
+there.
 
 Homes are HouseExpo plans of the split ``test``, so no weights that come with the package, no promise and no rule were
 fitted on them, and none looks like a plan of the other splits or like another home of the benchmark. Offices and

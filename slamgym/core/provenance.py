@@ -12,7 +12,7 @@ from slamgym.core.files import read_text, sha256_of, write_text
 CHECKSUMS = Path(__file__).parents[1] / "pretrained.sha256"
 _FOLDERS = (
     "cad/bundled",
-    "agents/bench/v1",
+    "agents/bench/frozen",
     "agents/pretrained",
     "gan/pretrained",
     "planning/pretrained",
