@@ -99,9 +99,9 @@ def graph_floor(graph: MapGraph, submaps: list[Submap], has_views: bool = True) 
         if any(np.hypot(*(view.pose - frame)[:2]) < VIEW_SPACING for view in views):
             continue
         first = max(0, number - VIEW_SUBMAPS)
-        around = join_pieces(placed[first : number + VIEW_SUBMAPS + 1])
+        around = _joined(placed[first : number + VIEW_SUBMAPS + 1])
         views.append(_view(frame, around))
-    return _floor(grid, join_pieces(placed), views)
+    return _floor(grid, _joined(placed), views)
 
 
 def _standing(surfaces: WallPieces, grid: OccupancyGrid) -> WallPieces:
@@ -135,7 +135,7 @@ def _floor(grid: OccupancyGrid, surfaces: WallPieces, views: list[View]) -> Floo
     return Floor(grid, surfaces, tuple(rich))
 
 
-def join_pieces(parts: list[WallPieces]) -> WallPieces:
+def _joined(parts: list[WallPieces]) -> WallPieces:
     """Some surfaces as one, thinned."""
     points = np.concatenate([part.points for part in parts])
     sides = np.concatenate([part.sides for part in parts])

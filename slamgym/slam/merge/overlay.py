@@ -18,7 +18,7 @@ from slamgym.slam.branch_and_bound import face_of
 from slamgym.slam.graph.alignment import AlignmentTarget
 from slamgym.slam.graph.relative import match_with, moved_by, seen_from
 from slamgym.slam.graph.submaps import SUBMAP_CELL, Submap
-from slamgym.slam.merge.floor import Floor, WallPieces, join_pieces
+from slamgym.slam.merge.floor import Floor, WallPieces
 from slamgym.slam.merge.joint import MOST_MOVED
 
 FIELD_BORDER = 1.0
@@ -115,7 +115,10 @@ class FloorFields:
                 place = expected
             own = WallPieces(*(part[nearest == number] for part in other.surfaces))
             parts.append(own.placed(moved_by(place, seen_from(view.pose, np.zeros(3)))))
-        return join_pieces(parts) if parts else other.surfaces.placed(pose)
+        if not parts:
+            return other.surfaces.placed(pose)
+        # All pieces are kept: as many metres count as in a rigid picture.
+        return WallPieces(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
     def compare(self, surfaces: WallPieces, tolerance: int, tells_walls: bool) -> FloatArray:
         """Metres (3,) of surfaces as for :func:`agreement`."""
