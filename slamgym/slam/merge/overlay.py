@@ -103,9 +103,10 @@ class FloorFields:
 
     def bent(self, other: Floor, pose: FloatArray) -> WallPieces:
         """The surfaces of another floor about where a pose (3,) lays it: those nearest to a view are moved with it."""
-        points = other.surfaces.points
-        middles = np.array([view.pose[:2] for view in other.views]).reshape(-1, 2)
-        nearest = cKDTree(middles).query(points)[1] if len(middles) else np.zeros(len(points))
+        if not other.views:
+            return other.surfaces.placed(pose)
+        middles = np.array([view.pose[:2] for view in other.views])
+        _, nearest = cKDTree(middles).query(other.surfaces.points)
         parts = []
         for number, view in enumerate(other.views):
             expected = moved_by(pose, view.pose)
@@ -115,8 +116,6 @@ class FloorFields:
                 place = expected
             own = WallPieces(*(part[nearest == number] for part in other.surfaces))
             parts.append(own.placed(moved_by(place, seen_from(view.pose, np.zeros(3)))))
-        if not parts:
-            return other.surfaces.placed(pose)
         # All pieces are kept: as many metres count as in a rigid picture.
         return WallPieces(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
