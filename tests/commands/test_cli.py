@@ -196,7 +196,7 @@ def test_a_missing_extra_is_named_before_the_command_works(command, capsys):
         ("agents shape -o run", "torch", "agents"),
         ("gan translate map.png -o out.png", "safetensors", "gan"),
         ("gan train images -o run", "torch", "gan"),
-        ("cad map.yaml -o out", "torch", "gan"),
+        ("cad map.yaml -o out --model own.safetensors", "torch", "gan"),
         ("gan evaluate images -o results", "matplotlib", "gan"),
         ("export-log episode -o bag --format rosbag2", "rosbags", "ros"),
     ],
@@ -211,7 +211,7 @@ def test_each_command_names_its_extra_at_once(typed, missing, extra, monkeypatch
         f"needs the package {missing!r}; install it with: pip install 'slamgym[{extra}]'" in error
     )
     assert error.count("\n") == 1
-    assert ("--model none" in error) == typed.startswith("cad ")  # which can do without
+    assert ("--model slam2cad" in error) == typed.startswith("cad ")  # which can do without
     assert [path.name for path in tmp_path.iterdir()] == ["map.yaml"]
 
 

@@ -80,9 +80,25 @@ def test_what_cannot_be_seen_is_written_out():
     ]  # fmt: skip
 
 
-def test_cad_without_torch_names_the_way_without_a_network(tmp_path, capsys, monkeypatch):
+def test_cad_draws_without_torch(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "torch", None)
+    monkeypatch.setattr(frame, "is_installed", lambda package: package != "torch")
+    picture = tmp_path / "map.png"
+    room = np.full((160, 160), 205, np.uint8)
+    room[20:140, 20:140] = 0
+    room[22:138, 22:138] = 254
+    cv2.imwrite(str(picture), room)
+    out = tmp_path / "out"
+    typed = ["cad", str(picture), "--resolution", "0.05", "-o", str(out), "--formats", "json"]
+    assert cli.main(typed) == 0
+    assert (out / "map.json").is_file()
+
+
+def test_cad_without_torch_names_the_network_that_needs_none(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(frame, "is_installed", lambda package: package != "torch")
     picture = tmp_path / "map.png"
     cv2.imwrite(str(picture), np.full((80, 80), 255, np.uint8))
-    assert cli.main(["cad", str(picture), "--resolution", "0.05", "-o", str(tmp_path / "out")]) == 2
-    assert re.search(r"'torch'.*slamgym\[gan\].*--model none", capsys.readouterr().err)
+    typed = ["cad", str(picture), "--resolution", "0.05", "-o", str(tmp_path / "out")]
+    assert cli.main([*typed, "--model", "own.safetensors"]) == 2
+    error = capsys.readouterr().err
+    assert re.search(r"'torch'.*slamgym\[gan\].*--model slam2cad", error)
