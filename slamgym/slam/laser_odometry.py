@@ -179,12 +179,14 @@ def motion_between(first: LaserScan, second: LaserScan, expected: FloatArray) ->
             widths = np.clip(np.multiply(FASTEST, wait), LEAST_WIDTH, MOST_WIDTH)
             place = before.search(points, expected, *widths.tolist())
             found = before.align(points, place, place, unknown)
-            views = before.view(first, seen), before.view(second, points)
-            sight = Sight(first.geometry, TRACKED_RANGE)
-            clashes = [sight.clashes(views[1], one, views[0], start) for one in (placed, found)]
-            least = BETTER_FIT * len(points)
-            if found.fit > placed.fit + BETTER_FIT and clashes[0] > clashes[1] + least:
-                placed = found
+            if found.fit > placed.fit + BETTER_FIT:
+                sight = Sight(first.geometry, TRACKED_RANGE)
+                newer = before.view(second, points)
+                older = before.view(first, seen)
+                as_expected = sight.clashes(newer, placed, older, start)
+                as_found = sight.clashes(newer, found, older, start)
+                if as_expected > as_found + BETTER_FIT * len(points):
+                    placed = found
     information = placed.equations.sums.sum(axis=0)[:3, :3]
     return LaserMotion(placed.pose, information, placed.fit)
 

@@ -201,14 +201,13 @@ def _shows_distance(pairs: PairMotions) -> BoolArray:
     In a bare corridor each scan fits the one before best where it was: by such pairs the wheels of ACES, with every
     other beam, measure 2.8 times the distance.
     """
-    x, y, _ = pairs.laser.T
-    distance = np.hypot(x, y)
-    along = np.column_stack([x, y])
-    along /= np.maximum(distance, 1e-9)[:, None]
+    steps = pairs.laser[:, :2]
+    squared = np.square(steps).sum(axis=1)
     information = pairs.information / MATCH_ERRORS**2 + np.eye(3)
     covariance = np.array([inverted(one)[:2, :2] for one in information]).reshape(-1, 2, 2)
-    variance = (along[:, :, None] * covariance * along[:, None, :]).sum(axis=(1, 2))
-    return distance > np.sqrt(variance)
+    # The variance along a step, times its squared length.
+    spread = (steps[:, :, None] * covariance * steps[:, None, :]).sum(axis=(1, 2))
+    return np.asarray(np.square(squared) > spread)
 
 
 def _middle(values: FloatArray) -> float:

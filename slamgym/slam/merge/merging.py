@@ -79,8 +79,7 @@ def compare_parts(first: Part, second: Part, odds: Odds) -> JointVerdict:
         pose, covariance = first.fields.align(second.floor.surfaces, hypothesis.pose)
         aligned.append(_rigid(first, second, odds, pose, covariance, FINE))
     best = best_places(aligned, second, odds, MOST_JOINED)
-    is_drawn = not (first.submaps and second.submaps)
-    join_at = _bent if is_drawn else _joined
+    join_at = _joined if first.submaps and second.submaps else _bent
     joined = [join_at(first, second, odds, hypothesis) for hypothesis in best]
     return judge_joint(best_places(joined, second, odds, MOST_JOINED), odds)  # some have met
 
