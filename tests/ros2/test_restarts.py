@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -38,6 +39,11 @@ def scans_in(log):
         return 0
 
 
+def received(shown):
+    """What a node has said that it received, in one line or, if it came in different seconds, in several."""
+    return {topic for topics in re.findall(r"received (.+)", shown) for topic in topics.split(", ")}
+
+
 class Nodes:
     """Processes that write to files."""
 
@@ -69,7 +75,9 @@ class Nodes:
         """Wait until something is so."""
         end = time.monotonic() + PATIENT
         while not is_so():
-            assert time.monotonic() < end
+            assert time.monotonic() < end, {
+                text.name: text.read_text() for text in self.texts.values()
+            }
             time.sleep(0.2)
 
     def end(self, process, number=signal.SIGINT):
@@ -95,7 +103,7 @@ def test_killed_and_restarted_in_any_order_the_exploration_goes_on(nodes, tmp_pa
     explorer = nodes.start("explore", "--explorer", "tour", "--out", "explored")
     nodes.wait_for(explorer, "waiting for map, odom, scan")
     robot = nodes.start("sim", "--plan", PLAN, "--speed", "5")
-    nodes.wait_for(explorer, "received odom, scan")
+    nodes.wait_until(lambda: received(nodes.shown(explorer)) >= {"odom", "scan"})
     mapper = nodes.start("map", "--out", "mapped", as_name="first", code=SAVING_OFTEN)
     nodes.wait_for(explorer, "exploring:", count=3)
     nodes.wait_until(lambda: scans_in(tmp_path / "mapped" / LOG) > 10)
