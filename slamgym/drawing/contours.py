@@ -4,8 +4,11 @@ Convention: pictures are ``[row, col]`` with row 0 at the top; outlines are clos
 y up) round what is above the level, clockwise round its holes.
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 from shapely import LinearRing
 
 from slamgym.core.types import Float32Array, FloatArray, GridFrame, IntArray
@@ -51,10 +54,47 @@ def trace_outlines(
     # The padding moved all by one cell; a cell's centre lies half a cell from its border.
     on_grid = lines + np.array([-0.5, 0.5])
     on_map = on_grid * frame.resolution + np.array([left, top])
-    floor = shapely.build_area(shapely.multilinestrings(shapely.linestrings(on_map)))
+    if not len(lines):
+        return []
+    floor = shapely.build_area(shapely.multilinestrings(_chained(on_map)))
     rings = shapely.get_rings(shapely.orient_polygons(shapely.get_parts(floor)))
     least = np.where(shapely.is_ccw(rings), smallest, smallest_hole)
     return list(rings[shapely.area(shapely.polygons(rings)) >= least])
+
+
+def _chained(lines: FloatArray) -> NDArray[np.object_]:
+    """Straight pieces (N, 2, 2) as lines: one for each ring that touches none, for few lines are joined sooner."""
+    start, end = np.ascontiguousarray(lines).view(np.complex128)[..., 0].T
+    by_start = np.argsort(start, kind="stable")
+    following = np.empty_like(by_start)
+    following[np.argsort(end, kind="stable")] = by_start
+    shared = np.flatnonzero(np.diff(start[by_start]) == 0.0)
+    touching = {*by_start[shared].tolist(), *by_start[shared + 1].tolist()}
+    chains = list[list[int]]()
+    for ring in _cycles(following.tolist()):
+        is_alone = touching.isdisjoint(ring)
+        chains += [ring] if is_alone else [[piece] for piece in ring]
+    chains.sort()
+    sizes = np.array([len(chain) for chain in chains])
+    # Where GEOS would begin a ring of pieces: at the end of the first.
+    pieces = np.concatenate([[*chain[1:], chain[0]] for chain in chains])
+    firsts = np.cumsum(sizes) - sizes
+    points = np.insert(lines[pieces, 1], firsts, lines[pieces[firsts], 0], axis=0)
+    return shapely.linestrings(points, indices=np.repeat(np.arange(len(sizes)), sizes + 1))
+
+
+def _cycles(following: list[int]) -> Iterator[list[int]]:
+    """The cycles of a permutation, each from its lowest number on."""
+    is_left = [True] * len(following)
+    for first in range(len(following)):
+        cycle = []
+        at = first
+        while is_left[at]:
+            is_left[at] = False
+            cycle.append(at)
+            at = following[at]
+        if cycle:
+            yield cycle
 
 
 def _lines(padded: FloatArray) -> FloatArray:

@@ -3,8 +3,9 @@
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from slamgym.core.jit import kernel
+from slamgym.core.jit import assign, kernel
 from slamgym.core.types import BoolArray, FloatArray, GridFrame, IntArray
 
 REACHES = (1.6, 3.2, 4.8)
@@ -15,6 +16,10 @@ HALF_LINE = 0.71
 """Half of a line's thickness: no step to one of eight neighbours leaps over it [cells]."""
 BESIDE_LINE = 1.5
 """The flood begins so far to its sides [cells]."""
+WORD = 64
+"""Cells of a row that one number holds, a bit each, the first the lowest."""
+
+WordArray = NDArray[np.uint64]
 
 
 class Flood(NamedTuple):
@@ -40,12 +45,12 @@ def limited_flood(
     top_left = np.array([frame.origin_x, frame.origin_y + frame.height_px * cell])
     columns_and_rows = (lines - top_left) * (1.0, -1.0) / cell + 0.5  # of the padded pictures
     steps = np.round(np.array(REACHES) / cell).astype(np.int64)
+    margins = ((1, 1), (1, WORD - (free.shape[1] + 1) % WORD))  # to whole words
+    clear = np.pad(clearance, margins)
+    words = np.packbits(np.pad(free, margins), axis=1, bitorder="little").view(np.uint64)
+    clearest = clear.reshape(len(clear), -1, WORD).max(axis=2)
     count, widest, shared = _flood_all(
-        np.ascontiguousarray(columns_and_rows),
-        np.pad(free, 1),
-        np.pad(clearance, 1),
-        steps,
-        SEAL / cell,
+        np.ascontiguousarray(columns_and_rows), words, clear, clearest, steps, SEAL / cell
     )
     area = count.astype(np.float64) * cell**2
     both = shared.astype(np.float64) * cell**2
@@ -54,9 +59,14 @@ def limited_flood(
 
 @kernel
 def _flood_all(
-    lines: FloatArray, free: BoolArray, clearance: FloatArray, steps: IntArray, seal: float
+    lines: FloatArray,
+    free: WordArray,
+    clearance: FloatArray,
+    clearest: FloatArray,
+    steps: IntArray,
+    seal: float,
 ) -> tuple[IntArray, FloatArray, IntArray]:
-    """The floods of all lines; the pictures have a border of one cell, and all lengths are in cells.
+    """The floods of all lines; the pictures have a border of a cell at least, and all lengths are in cells.
 
     Each goes through a window that holds all it can reach: so small a part of a map stays in the processor's cache.
     """
@@ -66,94 +76,103 @@ def _flood_all(
     shared = np.zeros((number, last), np.int64)
     margin = steps[-1] + int(HALF_LINE + BESIDE_LINE) + 2
     side = int(np.abs(lines[:, 1] - lines[:, 0]).max()) + 2 * margin + 3
-    queues = np.empty((2, side**2), np.int64)
-    first_met = np.full(side**2, last, np.int64)
+    wide = side // WORD + 2
     for n in range(number):
-        left = max(0, int(lines[n, :, 0].min()) - margin)
         top = max(0, int(lines[n, :, 1].min()) - margin)
-        line = lines[n] - np.array([left, top], np.float64)
-        window = free[top : top + side, left : left + side].copy()
-        clear = clearance[top : top + side, left : left + side].copy().ravel()
+        left = max(0, int(lines[n, :, 0].min()) - margin) // WORD
+        line = lines[n] - np.array([left * WORD, top], np.float64)
+        window = free[top : top + side, left : left + wide].copy()
+        for row in range(len(window)):  # nothing runs round from one row's end to the next one
+            window[row, 0] &= ~np.uint64(1)
+            window[row, -1] &= ~(np.uint64(1) << np.uint64(WORD - 1))
         _close(line, window, seal)
+        near = clearance[top : top + side, left * WORD : (left + wide) * WORD]
+        bounds = clearest[top : top + side, left : left + wide]
+        unreached = np.empty((2, last, window.size), np.uint64)
         for k in range(2):
-            _walk(line, k, window, steps, queues[k], count[n, k])
-            _find_widest(clear, queues[k], count[n, k], widest[n, k])
-        _count_shared(queues, count[n], first_met, shared[n])
+            _walk(line, k, window, steps, unreached[k])
+            wide_so_far = 0.0
+            for r in range(last):
+                count[n, k, r] = _count(window, unreached[k, r], unreached[k, r])
+                wide_so_far = _find_widest(near, bounds, window, unreached[k, r], wide_so_far)
+                widest[n, k, r] = wide_so_far
+        for r in range(last):
+            shared[n, r] = _count(window, unreached[0, r], unreached[1, r])
     return count, widest, shared
 
 
 @kernel
+def _count(free: WordArray, one: WordArray, other: WordArray) -> int:
+    """How many free cells are in neither of two: sums of pairs of bits, of pairs of these, and so on."""
+    total = np.uint64(0)
+    for i in range(free.size):
+        word = free.flat[i] & ~one[i] & ~other[i]
+        twos = word - ((word >> np.uint64(1)) & np.uint64(0x5555555555555555))
+        upper = (twos >> np.uint64(2)) & np.uint64(0x3333333333333333)
+        fours = (twos & np.uint64(0x3333333333333333)) + upper
+        eights = (fours + (fours >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
+        total += (eights * np.uint64(0x0101010101010101)) >> np.uint64(56)
+    return int(total)
+
+
+@kernel
 def _find_widest(
-    clearance: FloatArray, queue: IntArray, count: IntArray, widest: FloatArray
-) -> None:
-    """The largest clearance among the first cells of a queue, for each count of them."""
-    wide = 0.0
-    first = 0
-    for k in range(len(count)):
-        for at in queue[first : count[k]]:
-            wide = max(wide, clearance[at])
-        first = count[k]
-        widest[k] = wide
+    clearance: FloatArray, clearest: FloatArray, free: WordArray, unreached: WordArray, least: float
+) -> float:
+    """The largest clearance of cells that were reached, ``least`` at least; ``clearest`` is that of whole words."""
+    rows, cols = free.shape
+    for row in range(rows):
+        for at in range(cols):
+            word = free[row, at] & ~unreached[row * cols + at]
+            if word and clearest[row, at] > least:
+                for bit in range(WORD):
+                    if (word >> np.uint64(bit)) & np.uint64(1):
+                        least = max(least, clearance[row, at * WORD + bit])
+    return least
 
 
 @kernel
-def _count_shared(queues: IntArray, count: IntArray, met: IntArray, shared: IntArray) -> None:
-    """How many cells are among the first of both queues, for each count of them; ``met`` is scratch space."""
-    last = len(shared)
-    for side in range(2):
-        first = 0
-        for k in range(last):
-            for at in queues[side, first : count[side, k]]:
-                if side == 0:
-                    met[at] = k
-                elif met[at] < last:
-                    shared[max(k, met[at])] += 1
-            first = count[side, k]
-    for k in range(1, last):
-        shared[k] += shared[k - 1]
-    met[queues[0, : count[0, -1]]] = last
-
-
-@kernel
-def _place(line: FloatArray, row: Any, col: Any) -> tuple[float, float, float]:
-    """How far along a line and aside of it a cell lies, and the line's length."""
+def _place(line: FloatArray, length: float, row: Any, col: Any) -> tuple[float, float]:
+    """How far along a line of this length and aside of it a cell lies."""
     x, y = line[0]
-    across, down = line[1] - line[0]
-    length = np.hypot(across, down)
+    across = line[1, 0] - x
+    down = line[1, 1] - y
     along = ((col - x) * across + (row - y) * down) / length
     aside = ((row - y) * across - (col - x) * down) / length
-    return along, aside, length
+    return along, aside
 
 
 @kernel
-def _close(line: FloatArray, free: BoolArray, seal: float) -> None:
+def _close(line: FloatArray, free: WordArray, seal: float) -> None:
     """Take the cells of a line from the free ones."""
+    length = np.hypot(line[1, 0] - line[0, 0], line[1, 1] - line[0, 1])
     margin = HALF_LINE + seal + 1.0
     rows = _stretch(line[:, 1], margin, free.shape[0])
-    cols = _stretch(line[:, 0], margin, free.shape[1])
+    cols = _stretch(line[:, 0], margin, free.shape[1] * WORD)
     for row in range(*rows):
         for col in range(*cols):
-            along, aside, length = _place(line, row, col)
+            along, aside = _place(line, length, row, col)
             if abs(aside) <= HALF_LINE and -seal <= along <= length + seal:
-                free[row, col] = False
+                free[row, col // WORD] &= ~(np.uint64(1) << np.uint64(col % WORD))
 
 
 @kernel
-def _begin(line: FloatArray, side: int, free: BoolArray, left: BoolArray, queue: IntArray) -> int:
-    """Put the free cells right beside a line into the queue; returns how many they are."""
-    rows, cols = free.shape
+def _begin(line: FloatArray, side: int, free: WordArray, reached: WordArray) -> tuple[int, int]:
+    """Set the bits of the free cells right beside a line; returns the rows in which they may be."""
+    cols = free.shape[1]
+    length = np.hypot(line[1, 0] - line[0, 0], line[1, 1] - line[0, 1])
     margin = HALF_LINE + BESIDE_LINE + 1.0
-    size = 0
-    for row in range(*_stretch(line[:, 1], margin, rows)):
-        for col in range(*_stretch(line[:, 0], margin, cols)):
-            along, aside, length = _place(line, row, col)
+    rows = _stretch(line[:, 1], margin, free.shape[0])
+    for row in range(*rows):
+        for col in range(*_stretch(line[:, 0], margin, cols * WORD)):
+            along, aside = _place(line, length, row, col)
             is_side = (aside > 0.0) == (side == 1)
             is_beside = HALF_LINE < abs(aside) <= HALF_LINE + BESIDE_LINE
-            if is_side and is_beside and 0.0 <= along <= length and free[row, col]:
-                left[row * cols + col] = False
-                queue[size] = row * cols + col
-                size += 1
-    return size
+            if is_side and is_beside and 0.0 <= along <= length:
+                at = col // WORD
+                bit = np.uint64(1) << np.uint64(col % WORD)
+                reached[row * cols + at] |= free[row, at] & bit
+    return rows
 
 
 @kernel
@@ -164,25 +183,55 @@ def _stretch(places: FloatArray, margin: float, end: int) -> tuple[int, int]:
 
 @kernel
 def _walk(
-    line: FloatArray, side: int, free: BoolArray, steps: IntArray, queue: IntArray, count: IntArray
+    line: FloatArray, side: int, free: WordArray, steps: IntArray, unreached: WordArray
 ) -> None:
-    """Breadth-first flood to four neighbours and to eight by turns: circles become octagons, 6 % off at most."""
-    cols = free.shape[1]
-    left = free.copy().ravel()
-    moves = np.array([1, -1, cols, -cols, cols + 1, cols - 1, 1 - cols, -1 - cols])
-    size = _begin(line, side, free, left, queue)
-    first = 0
-    k = 0
+    """Flood to four neighbours and to eight by turns: circles become octagons, 6 % off at most.
+
+    ``unreached``, (R, words): what hasn't been after each number of steps.
+    """
+    rows, cols = free.shape
+    now = np.zeros(free.size, np.uint64)  # reached in the last step
+    following = np.zeros(free.size, np.uint64)
+    sideways = np.zeros(free.size, np.uint64)
+    top, bottom = _begin(line, side, free, now)
+    left = unreached[0]
+    for i in range(free.size):
+        left[i] = free.flat[i] & ~now[i]
+    done = 0
     for level in range(1, steps[-1] + 1):
-        end = size
-        for at in queue[first:end]:
-            for turn in range(4 if level % 2 else 8):
-                to = at + moves[turn]
-                if left[to]:
-                    left[to] = False
-                    queue[size] = to
-                    size += 1
-        first = end
-        if level == steps[k]:
-            count[k] = size
-            k += 1
+        top = max(1, top - 1)
+        bottom = min(rows - 1, bottom + 1)
+        first, end = top * cols, bottom * cols
+        _spread(now[first - 1 : end + 1], sideways[first:end])
+        others = now if level % 2 else sideways
+        around = others[first - cols : end + cols]
+        _grow(around, sideways[first:end], left[first:end], following[first:end])
+        now, following = following, now
+        if level == steps[done] and done + 1 < len(steps):
+            done += 1
+            assign(left, unreached[done])
+            left = unreached[done]
+
+
+@kernel
+def _spread(now: WordArray, out: WordArray) -> None:
+    """Bits of a stretch that are set, and those to their left and right; ``now`` has a word more at both ends."""
+    before = now[:-2]
+    here = now[1:-1]
+    behind = now[2:]
+    for i in range(len(out)):
+        to_right = (here[i] << np.uint64(1)) | (before[i] >> np.uint64(WORD - 1))
+        to_left = (here[i] >> np.uint64(1)) | (behind[i] << np.uint64(WORD - 1))
+        out[i] = here[i] | to_right | to_left
+
+
+@kernel
+def _grow(around: WordArray, own: WordArray, left: WordArray, out: WordArray) -> None:
+    """Bits that are set in their own row or one beside it, if they are left, which they are no more.
+
+    ``around`` has a row more at both ends.
+    """
+    below = around[len(around) - len(own) :]
+    for i in range(len(own)):
+        out[i] = (own[i] | around[i] | below[i]) & left[i]
+        left[i] ^= out[i]

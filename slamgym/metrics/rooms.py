@@ -77,22 +77,23 @@ def label_rooms(
         narrowest_room / 2.0,
         SMALLEST_ROOM_AREA / metres_per_px**2,
     )
-    cells_by_root = np.bincount(parts.ravel(), minlength=1)
-    is_root = cells_by_root > 0
+    root_of_cell = parts.ravel()[cells]
+    is_root = np.zeros(parts.size, np.bool_)
+    is_root[root_of_cell] = True
     is_root[0] = True  # outside
     label_of_root = np.cumsum(is_root) - 1
-    labels = label_of_root[parts]
-    label_of_cell = labels.ravel()
-    sizes = np.bincount(label_of_cell) * metres_per_px**2
+    label_of_cell = label_of_root[root_of_cell]
+    sizes = np.bincount(label_of_cell, minlength=1) * metres_per_px**2
     widest = np.zeros(len(sizes))
-    np.maximum.at(widest, label_of_cell, radius.ravel())
+    np.maximum.at(widest, label_of_cell, heights)
     is_large = sizes >= SMALLEST_ROOM_AREA
     is_wide = widest >= narrowest_room / 2.0
     is_room = is_large & is_wide
     is_room[0] = False  # outside
     numbers = np.where(is_room, np.cumsum(is_room), 0)
-    numbered = numbers[labels]
-    return np.asarray(numbered[1:-1, 1:-1], dtype=np.int64)
+    numbered = np.zeros(parts.shape, np.int64)
+    numbered.ravel()[cells] = numbers[label_of_cell]
+    return numbered[1:-1, 1:-1].copy()
 
 
 def room_score(free: BoolArray, true_free: BoolArray, metres_per_px: float) -> RoomScore:
