@@ -19,6 +19,7 @@ from slamgym.core.types import (
     OccupancyGrid,
     Pose2D,
 )
+from slamgym.slam.branch_and_bound import face_of
 from slamgym.slam.end_points import usable_end_points
 from slamgym.slam.graph.closures import FEW_SURFACES
 from slamgym.slam.graph.map_graph import MapGraph
@@ -47,6 +48,10 @@ class WallPieces(NamedTuple):
     points: FloatArray  # (n, 2) [m]
     sides: FloatArray  # (n, 3) unit vectors to the side that they were seen from, and 1
 
+    def at(self, which: BoolArray | IntArray) -> "WallPieces":
+        """Some of them: a mask or numbers."""
+        return WallPieces(self.points[which], self.sides[which])
+
     def placed(self, pose: FloatArray) -> "WallPieces":
         """The same, given in the frame of a pose (3,), in the frame that the pose is given in."""
         frame = Pose2D(*pose.tolist())
@@ -58,14 +63,6 @@ class WallPieces(NamedTuple):
         """Which pieces one sees who looks against x, y, -x and -y, shape (4, n)."""
         to_x, to_y = self.sides[:, 0], self.sides[:, 1]
         return np.stack([to_x, to_y, -to_x, -to_y]) > 0.0
-
-
-def faces_of(sides: FloatArray) -> IntArray:
-    """Numbers (n,) of the axes x, y, -x, -y that some sides (n, 2 or more) face most."""
-    x, y = sides[:, 0], sides[:, 1]
-    along_x = np.where(x > 0.0, 0, 2)
-    along_y = np.where(y > 0.0, 1, 3)
-    return np.asarray(np.where(np.abs(x) >= np.abs(y), along_x, along_y))
 
 
 class View(NamedTuple):
@@ -99,9 +96,9 @@ def graph_floor(graph: MapGraph, submaps: list[Submap], has_views: bool = True) 
         if any(np.hypot(*(view.pose - frame)[:2]) < VIEW_SPACING for view in views):
             continue
         first = max(0, number - VIEW_SUBMAPS)
-        around = _joined(placed[first : number + VIEW_SUBMAPS + 1])
+        around = _thinned(joined_pieces(placed[first : number + VIEW_SUBMAPS + 1]))
         views.append(_view(frame, around))
-    return _floor(grid, _joined(placed), views)
+    return _floor(grid, _thinned(joined_pieces(placed)), views)
 
 
 def _standing(surfaces: WallPieces, grid: OccupancyGrid) -> WallPieces:
@@ -113,7 +110,7 @@ def _standing(surfaces: WallPieces, grid: OccupancyGrid) -> WallPieces:
     stands = np.ones(len(rows), dtype=bool)
     clear = are_clear(grid.cells, grid.frame.resolution)
     stands[inside] = ~clear[rows[inside], cols[inside]]
-    return WallPieces(*(part[stands] for part in surfaces))
+    return surfaces.at(stands)
 
 
 def picture_floor(grid: OccupancyGrid) -> Floor:
@@ -135,25 +132,24 @@ def _floor(grid: OccupancyGrid, surfaces: WallPieces, views: list[View]) -> Floo
     return Floor(grid, surfaces, tuple(rich))
 
 
-def _joined(parts: list[WallPieces]) -> WallPieces:
-    """Some surfaces as one, thinned."""
-    points = np.concatenate([part.points for part in parts])
-    sides = np.concatenate([part.sides for part in parts])
-    return _thinned(WallPieces(points, sides))
+def joined_pieces(parts: list[WallPieces]) -> WallPieces:
+    """Some surfaces as one."""
+    return WallPieces(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
 def _thinned(surfaces: WallPieces) -> WallPieces:
     """One piece a cell and direction of its side."""
     points, sides = surfaces
-    keys = np.column_stack([np.floor(points / SUBMAP_CELL), faces_of(sides)])
+    faces = [face_of(x, y) for x, y in sides[:, :2].tolist()]
+    keys = np.column_stack([np.floor(points / SUBMAP_CELL), faces])
     _, kept = np.unique(keys, axis=0, return_index=True)
-    return WallPieces(points[kept], sides[kept])
+    return surfaces.at(kept)
 
 
 def _view(pose: FloatArray, surfaces: WallPieces) -> View:
     """What of some surfaces lies near a pose (3,)."""
     away = np.hypot(*(surfaces.points - pose[:2]).T)
-    near = WallPieces(*(part[away < VIEW_REACH] for part in surfaces))
+    near = surfaces.at(away < VIEW_REACH)
     return View(pose, near.placed(seen_from(pose, np.zeros(3))))
 
 

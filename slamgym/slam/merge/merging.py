@@ -144,13 +144,13 @@ def _distinct(ranked: list[Overlay], second: Part, most: int) -> list[Overlay]:
 
 
 def _joined(first: Part, second: Part, odds: Odds, hypothesis: Overlay) -> Overlay:
-    """The same once the graphs are one; as it was if no submap can be aligned there."""
+    """The same once the graphs are one; nothing speaks for it if no submap can be aligned there."""
     assert first.graph is not None
     assert second.graph is not None
     submaps = (first.submaps, second.submaps)
     joint = join(first.graph, second.graph, submaps, hypothesis.pose)
     if joint is None:
-        return hypothesis
+        return hypothesis._replace(evidence=min(hypothesis.evidence, 0.0))
     parts = joint.parts(first.graph, second.graph)
     one, other = (
         FloorFields(graph_floor(graph, own, has_views=False))

@@ -17,7 +17,7 @@ from slamgym.slam.merge.drawing import Picture, paint
 from slamgym.slam.merge.merged import Merged, Refusal, merge_parts
 from slamgym.slam.merge.merging import Part, best_places
 from slamgym.slam.merge.overlay import FINE, WallAgreement, agreement, piece_numbers
-from slamgym.slam.merge.verdict import UNKNOWN_BUILDINGS, Overlay
+from slamgym.slam.merge.verdict import SAME_BUILDING, UNKNOWN_BUILDINGS, Overlay
 from slamgym.slam.replay import replay
 
 MIRRORED = FLAT * [-1.0, 1.0, -1.0, 1.0]
@@ -87,6 +87,11 @@ def test_what_does_not_belong_together_or_shows_too_little_is_refused(second):
     assert refusal.part.name == second
 
 
+@pytest.mark.parametrize("second", ["other", "mirrored", "upstairs"])
+def test_nobody_is_believed_who_says_that_another_floor_is_the_same(second):
+    assert isinstance(merge_parts([part("here"), part(second)], odds=SAME_BUILDING), Refusal)
+
+
 @pytest.mark.parametrize(
     ("thing", "is_wall"),
     [
@@ -102,6 +107,19 @@ def test_a_wall_in_open_floor_contradicts_and_what_was_moved_does_not(thing, is_
     said = agreement(without.fields, other.fields, np.zeros(3), FINE)
     assert said.agreed > 20.0
     assert (said.contradicted > 0.3) == is_wall
+
+
+@pytest.mark.parametrize(
+    ("thing", "is_in_line"), [((3.0, 1.8, 3.0, 2.8), True), ((0.8, 2.3, 2.0, 2.3), False)]
+)
+def test_a_wall_in_a_door_is_in_line_with_those_beside_it_and_furniture_is_not(thing, is_in_line):
+    without = Part.of_picture("without", draw(FLAT, (1, 1)))
+    walls = np.vstack([FLAT, np.array([thing])])
+    inside = [draw(walls, place) for place in ((1, 1), (4, 1))]
+    seen = [Part.of_picture("with", grid) for grid in inside]
+    said = [agreement(without.fields, other.fields, np.zeros(3), FINE) for other in seen]
+    assert all((one.in_line > 0.1) == is_in_line for one in said)
+    assert all(one.contradicted >= one.in_line for one in said)
 
 
 def test_pieces_of_wall_are_those_that_no_wide_gap_parts():
