@@ -49,7 +49,7 @@ def scan_to_scan(log: Log) -> Followed:
     motion = np.zeros(3)
     steps = []
     for before, after in itertools.pairwise(log):
-        motion = motion_between(before.scan, after.scan, motion).step
+        motion = motion_between(before.scan, after.scan, motion).pose
         steps.append(motion)
     return _followed(with_steps(log, np.array(steps)), begin)
 

@@ -19,24 +19,16 @@ MOST_PLACES = 20_000
 """A search finds no more places than this."""
 
 
-def maxima(grid: ByteArray, count: int) -> ByteArray:
-    """Grids of maxima (count, rows, cols) of a grid (rows, cols); see :func:`fill_levels`."""
-    levels = np.empty((count, *grid.shape), dtype=np.uint8)
-    levels[0] = grid
-    fill_levels(levels)
-    return levels
-
-
 @kernel
-def fill_levels(levels: ByteArray) -> None:
-    """Make the grids of maxima.
+def maxima(grid: ByteArray, count: int) -> ByteArray:
+    """Grids of maxima (count, rows, cols) of a grid (rows, cols) of scores.
 
-    Args:
-        levels: (levels, rows, cols); ``[0]`` holds the scores, and ``[h, r, c]`` receives the maximum of those in the
-            2^h x 2^h cells whose lower left one is ``[r, c]``.
+    ``[h, r, c]`` is the maximum of the scores in the 2^h x 2^h cells whose lower left one is ``[r, c]``.
     """
-    rows, cols = levels.shape[1:]
-    for h in range(1, len(levels)):
+    rows, cols = grid.shape
+    levels = np.empty((count, rows, cols), dtype=np.uint8)
+    assign(grid, levels[0])
+    for h in range(1, count):
         step = 1 << (h - 1)
         below = levels[h - 1]
         level = levels[h]
@@ -47,6 +39,7 @@ def fill_levels(levels: ByteArray) -> None:
                 level[row, col] = max(below[row, col], below[up, col])
             for col in range(cols - step):
                 level[row, col] = max(level[row, col], level[row, col + step])
+    return levels
 
 
 @kernel

@@ -12,7 +12,7 @@ import numpy as np
 
 from slamgym.core.geometry import compose, inverse, transform_points
 from slamgym.core.jit import kernel, plain
-from slamgym.core.types import AT_REST, Float32Array, FloatArray, LaserScan, Pose2D
+from slamgym.core.types import AT_REST, Float32Array, FloatArray, LaserGeometry, LaserScan, Pose2D
 
 STEEPEST_SLOPE = math.tan(math.radians(80.0))
 """Two neighbouring returns lie on one surface if it is seen less steeply: within 10 degrees of the beam it is taken for
@@ -37,14 +37,8 @@ def deskewed(scan: LaserScan, motion: Pose2D | None = None) -> LaserScan:
     moved = scan.motion if motion is None else motion
     if moved == AT_REST or geometry.time_increment == 0.0 or geometry.num_beams < 2:
         return scan
-    mount = geometry.mount
-    of_sensor = compose(compose(inverse(mount), moved), mount)
-    is_backwards = geometry.time_increment < 0.0
     ranges = np.full(geometry.num_beams, np.nan, dtype=np.float32)
-    angle_min = float(geometry.angle_min)
-    step = float(geometry.angle_increment)
-    range_max = float(geometry.range_max)
-    take_at_once(scan.ranges, angle_min, step, range_max, plain(of_sensor), is_backwards, ranges)
+    take_at_once(scan.ranges, *_sweep(geometry, moved), ranges)
     return replace(
         scan, ranges=ranges, geometry=geometry._replace(time_increment=0.0), motion=AT_REST
     )
@@ -73,16 +67,21 @@ def placed_returns(scan: LaserScan, motion: Pose2D) -> FloatArray:
         motion: Of the base from the first beam to the last.
     """
     geometry = scan.geometry
-    of_sensor = compose(compose(inverse(geometry.mount), motion), geometry.mount)
-    points = np.empty((geometry.num_beams, 2))
-    seen = np.empty(geometry.num_beams)
-    angle_min = float(geometry.angle_min)
-    step = float(geometry.angle_increment)
-    range_max = float(geometry.range_max)
-    is_backwards = geometry.time_increment < 0.0
-    moved = plain(of_sensor)
-    place_returns(scan.ranges, angle_min, step, range_max, moved, is_backwards, points, seen)
+    points, _ = place_returns(scan.ranges, *_sweep(geometry, motion))
     return transform_points(geometry.mount, points)
+
+
+def _sweep(geometry: LaserGeometry, motion: Pose2D) -> tuple[float, float, float, Pose2D, bool]:
+    """The arguments of :func:`take_at_once` by a motion of the base from the first beam to the last."""
+    mount = geometry.mount
+    of_sensor = compose(compose(inverse(mount), motion), mount)
+    return (
+        float(geometry.angle_min),
+        float(geometry.angle_increment),
+        float(geometry.range_max),
+        plain(of_sensor),
+        geometry.time_increment < 0.0,
+    )
 
 
 @kernel
@@ -107,9 +106,7 @@ def take_at_once(
         out: (num_beams,) of nan; receives the ranges [m].
     """
     count = len(ranges)
-    points = np.empty((count, 2))  # in the sensor's frame at the first beam
-    seen = np.empty(count)  # their directions, in beams from the first
-    place_returns(ranges, angle_min, step, range_max, motion, is_backwards, points, seen)
+    points, seen = place_returns(ranges, angle_min, step, range_max, motion, is_backwards)
     turned = motion[2] / (step * (count - 1))
     width = abs(1.0 - turned if is_backwards else 1.0 + turned)
     is_joined = False
@@ -137,10 +134,8 @@ def place_returns(
     range_max: float,
     motion: tuple[float, float, float],
     is_backwards: bool,
-    points: FloatArray,
-    seen: FloatArray,
-) -> None:
-    """Write where the returns lie, nan for what is none, and in which direction each beam points, in beams.
+) -> tuple[FloatArray, FloatArray]:
+    """Where the returns lie, and in which direction.
 
     Args:
         ranges: As for :func:`take_at_once`.
@@ -149,11 +144,15 @@ def place_returns(
         range_max: The same.
         motion: The same.
         is_backwards: The same.
-        points: (num_beams, 2) receives places in the sensor's frame at the first beam [m].
-        seen: (num_beams,) receives directions from there.
+
+    Returns:
+        Places (num_beams, 2) in the sensor's frame at the first beam [m], nan for what is no return; and the directions
+        (num_beams,) from there, in beams from the first, of the beam itself where there is none.
     """
     x, y, turn = motion
     count = len(ranges)
+    points = np.full((count, 2), np.nan)
+    seen = np.empty(count)
     half = 0.5 * turn
     is_turning = abs(half) > 1e-8
     whole = math.sin(half)
@@ -163,8 +162,6 @@ def place_returns(
             share = 1.0 - share
         angle = angle_min + i * step
         seen[i] = i + share * turn / step
-        points[i, 0] = np.nan
-        points[i, 1] = np.nan
         r = ranges[i]
         if not 0.0 < r < range_max:
             continue
@@ -182,6 +179,7 @@ def place_returns(
         across = ux * dy - uy * dx
         along = r + ux * dx + uy * dy
         seen[i] += math.atan2(across, along) / step
+    return points, seen
 
 
 @kernel

@@ -51,25 +51,13 @@ def usable_end_points(ranges: Float32Array, beams: BeamTable, longest: float) ->
 
 
 @kernel
-def farthest(points: FloatArray) -> float:
-    """Largest |x| + |y| of points, shape (n, 2) [m]; 0 without any."""
-    most = 0.0
-    for i in range(len(points)):
-        most = max(most, abs(points[i, 0]) + abs(points[i, 1]))
-    return most
+def surface_normals(points: FloatArray) -> FloatArray:
+    """Unit normals (n, 2) of the surface at end points (n, 2) in the order of the beams, from the points next to each.
 
-
-@kernel
-def surface_normals(points: FloatArray, out: FloatArray) -> None:
-    """Unit normals of the surface at each end point, from the points next to it; zero where it isn't straight.
-
-    Args:
-        points: (n, 2) end points in the order of the beams [m].
-        out: (n, 2) receives the normals.
+    They are zero where the surface isn't straight.
     """
+    normals = np.zeros(points.shape)
     for i in range(len(points)):
-        out[i, 0] = 0.0
-        out[i, 1] = 0.0
         first = i
         last = i
         for _ in range(NORMAL_POINTS):
@@ -87,8 +75,9 @@ def surface_normals(points: FloatArray, out: FloatArray) -> None:
         variance_along = half_trace + half_gap
         if variance_across <= NORMAL_THICKNESS**2 and variance_along >= 4.0 * variance_across:
             angle = 0.5 * math.atan2(2.0 * xy, xx - yy) + 0.5 * math.pi
-            out[i, 0] = math.cos(angle)
-            out[i, 1] = math.sin(angle)
+            normals[i, 0] = math.cos(angle)
+            normals[i, 1] = math.sin(angle)
+    return normals
 
 
 @kernel

@@ -114,6 +114,16 @@ def _open_length(ranges: Float32Array, i: int, low: int, high: int, beams: BeamT
 
 
 @kernel
+def laser_at(pose: FloatArray, beams: BeamTable) -> tuple[float, float, float, float]:
+    """Place of the laser of a robot at a pose (3,) [m], and cosine and sine of the robot's heading."""
+    cos = math.cos(pose[2])
+    sin = math.sin(pose[2])
+    x = pose[0] + cos * beams.mount[0] - sin * beams.mount[1]
+    y = pose[1] + sin * beams.mount[0] + cos * beams.mount[1]
+    return x, y, cos, sin
+
+
+@kernel
 def scan_bounds(
     poses: FloatArray, ranges: Float32Array, beams: BeamTable, lengths: FloatArray
 ) -> tuple[float, float, float, float]:
@@ -126,15 +136,11 @@ def scan_bounds(
         lengths: (scans, num_beams) receives how far each beam is drawn [m].
     """
     directions = beams.directions
-    mount = beams.mount
     min_x = min_y = math.inf
     max_x = max_y = -math.inf
     for k in range(len(poses)):
         drawn_lengths(ranges[k], beams, lengths[k])
-        cos = math.cos(poses[k, 2])
-        sin = math.sin(poses[k, 2])
-        x0 = poses[k, 0] + cos * mount[0] - sin * mount[1]
-        y0 = poses[k, 1] + sin * mount[0] + cos * mount[1]
+        x0, y0, cos, sin = laser_at(poses[k], beams)
         min_x = min(min_x, x0)
         max_x = max(max_x, x0)
         min_y = min(min_y, y0)
@@ -201,15 +207,11 @@ def draw_scans(
     if first_row < 0 or first_col < 0 or last_row >= counts.shape[0] or last_col >= counts.shape[1]:
         return bounds
     directions = beams.directions
-    mount = beams.mount
     cols = counts.shape[1]
     flat = counts.reshape(-1)
     scale = 1.0 / resolution
     for k in range(len(poses)):
-        cos = math.cos(poses[k, 2])
-        sin = math.sin(poses[k, 2])
-        x0 = poses[k, 0] + cos * mount[0] - sin * mount[1]
-        y0 = poses[k, 1] + sin * mount[0] + cos * mount[1]
+        x0, y0, cos, sin = laser_at(poses[k], beams)
         start_col = math.floor(x0 * scale) - corner_col
         start_row = math.floor(y0 * scale) - corner_row
         start = start_row * cols + start_col

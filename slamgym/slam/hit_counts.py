@@ -18,6 +18,7 @@ from slamgym.core.types import (
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.hit_count_kernels import (
     BeamTable,
+    cells_of,
     classify_counts,
     draw_scans,
     draw_scans_once,
@@ -76,8 +77,7 @@ class HitCountMap:
         if len(poses) == 0:
             return
         bounds = self._draw_on_counts(poses, ranges, sign)
-        cells = [math.floor(value / self.resolution) for value in bounds]
-        first_col, first_row, last_col, last_row = cells
+        first_row, first_col, last_row, last_col = cells_of(bounds, (0, 0), self.resolution)
         box = (first_row, first_col, last_row + 1, last_col + 1)
         if self.cover(box):
             self._draw_on_counts(poses, ranges, sign)

@@ -8,14 +8,22 @@ may have led astray, the scans are in doubt.
 
 import itertools
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from slamgym.core.geometry import runs_of, unit_vectors, wrap_angle
 from slamgym.core.jit import plain
-from slamgym.core.portable import inverted, product
-from slamgym.core.types import AT_REST, FloatArray, LaserGeometry, LaserScan, Pose2D
+from slamgym.core.portable import inverted
+from slamgym.core.types import (
+    AT_REST,
+    BoolArray,
+    FloatArray,
+    IntArray,
+    LaserGeometry,
+    LaserScan,
+    Pose2D,
+)
 from slamgym.interop.odometry import with_track
 from slamgym.interop.records import Log, OdometryTrack
 from slamgym.metrics.trajectory import relative_poses
@@ -26,9 +34,9 @@ from slamgym.slam.graph.alignment import Alignment, AlignmentTarget, NormalEquat
 from slamgym.slam.graph.mapper import FEW_POINTS, LEAST_POINTS
 from slamgym.slam.graph.matching import SearchWindow
 from slamgym.slam.graph.recovery import NARROW_SEARCH_NATS, POINT_NATS
-from slamgym.slam.graph.relative import DAMPING, MATCH_FLOOR, chi_squared, pose_spreads, seen_from
+from slamgym.slam.graph.relative import chi_squared, pose_spreads, seen_from, weigh_match
 from slamgym.slam.graph.sight import ScanView, Sight
-from slamgym.slam.graph.submaps import Submap, sides_of
+from slamgym.slam.graph.submaps import OrientedPoints, Submap, oriented
 from slamgym.slam.hit_count_kernels import BeamTable
 from slamgym.slam.steady_motion import SteadyMotion
 
@@ -63,12 +71,44 @@ DOUBT_RADIANS = 0.25
 """Or that of its heading [rad]."""
 
 
-class LaserMotion(NamedTuple):
-    """Motion from one scan to the next."""
+class PairMotions(NamedTuple):
+    """Motions between pairs of scans, in the frame of the robot at the first."""
 
-    step: FloatArray  # (3,) in the frame of the robot at the first
-    information: FloatArray  # (3, 3) of it
-    fit: float  # share of the points that lie on what was seen before
+    scans: IntArray  # (N, 2) indices
+    stamps: FloatArray  # (N, 2) [s]
+    laser: FloatArray  # (N, 3)
+    information: FloatArray  # (N, 3, 3) of the laser's motions
+    fits: FloatArray  # (N,) shares of the points that lie on what was seen before
+    odometry: FloatArray  # (N, 3)
+
+    @staticmethod
+    def between(log: Log, scans: IntArray) -> "PairMotions":
+        """The motions between pairs of scans (N, 2) of a log."""
+        odometry = odometry_between(log, scans)
+        motions = [
+            motion_between(log.records[first].scan, log.records[second].scan, expected)
+            for (first, second), expected in zip(scans.tolist(), odometry, strict=True)
+        ]
+        return PairMotions(
+            scans=scans,
+            stamps=np.array([record.stamp for record in log])[scans],
+            laser=np.array([motion.pose for motion in motions]).reshape(-1, 3),
+            information=np.array([motion.sums[:3, :3] for motion in motions]).reshape(-1, 3, 3),
+            fits=np.array([motion.fit for motion in motions]),
+            odometry=odometry,
+        )
+
+    def at(self, which: BoolArray) -> "PairMotions":
+        """Some of the pairs."""
+        columns: list[Any] = [column[which] for column in self]
+        return PairMotions(*columns)
+
+
+def odometry_between(log: Log, scans: IntArray) -> FloatArray:
+    """Motions (N, 3) by odometry between pairs of scans (N, 2)."""
+    poses = np.array([record.odometry for record in log], dtype=np.float64)
+    first, second = scans.T
+    return relative_poses(poses[first], poses[second])
 
 
 class RecentScans:
@@ -84,8 +124,8 @@ class RecentScans:
         self._frames: list[FloatArray] = []  # their poses
         self._keyframe = np.zeros(3)  # where a scan was last drawn
 
-    def points(self, scan: LaserScan, motion: Pose2D) -> FloatArray:
-        """End points (n, 2) in the robot's frame as it stands at the first beam [m], if it moves during the scan."""
+    def seen(self, scan: LaserScan, motion: Pose2D) -> OrientedPoints:
+        """End points in the robot's frame as it stands at the first beam, if it moves during the scan."""
         beams = self._beams
         if motion == AT_REST:
             points = usable_end_points(scan.ranges, plain(beams), TRACKED_RANGE)
@@ -93,48 +133,40 @@ class RecentScans:
             is_near = (scan.ranges >= beams.range_min) & (scan.ranges <= TRACKED_RANGE)
             points = placed_returns(scan, motion)[is_near & (scan.ranges < beams.range_max)]
         stride = max(1, len(points) // MOST_POINTS)
-        return np.ascontiguousarray(points[::stride])
+        return oriented(np.ascontiguousarray(points[::stride]), beams.mount)
 
     def align(
-        self, points: FloatArray, start: FloatArray, prior: FloatArray, known: FloatArray
+        self, seen: OrientedPoints, start: FloatArray, prior: FloatArray, known: FloatArray
     ) -> Alignment:
-        """Align points (n, 2), from a pose (3,), by a prior (3,) of known information (3, 3)."""
-        placed = self._target().align(points, self._sides(points), start, prior, known)
+        """Align a scan, from a pose (3,), by a prior (3,) of known information (3, 3)."""
+        placed = self._target().align(seen, start, prior, known)
         x, y, heading = placed.pose
         return placed._replace(pose=np.array([x, y, wrap_angle(heading)]))
 
     def search(
-        self, points: FloatArray, centre: FloatArray, window: float, turn: float
+        self, seen: OrientedPoints, centre: FloatArray, deviations: FloatArray
     ) -> FloatArray:
-        """The pose (3,) in a window [m], [rad] about another at which points (n, 2) fit best."""
-        space = SearchWindow(self._target(), centre, window, turn, TRACKED_RANGE)
-        place, _ = space.search(points, self._sides(points), 0.0)
+        """The pose (3,) about another, known to within deviations (2,) [m], [rad], at which a scan fits best."""
+        window = np.clip(deviations, LEAST_WIDTH, MOST_WIDTH)
+        place, _ = SearchWindow(self._target(), centre, window, TRACKED_RANGE).search(seen, 0.0)
         return place
 
-    def draw(self, points: FloatArray, pose: FloatArray) -> None:
-        """Draw points (n, 2) of a scan, taken at a pose (3,), into the newest submap, or into a new one."""
+    def draw(self, seen: OrientedPoints, pose: FloatArray) -> None:
+        """Draw a scan, taken at a pose (3,), into the newest submap, or into a new one."""
         if not self._submaps or len(self._submaps[-1].poses) >= KEYFRAMES:
             newest = Submap(0, TRACKED_RANGE + KEYFRAMES * MOST_WIDTH)
             self._submaps = [*self._submaps[-1:], newest]
             self._frames = [*self._frames[-1:], pose]
-        place = seen_from(self._frames[-1], pose)
-        self._submaps[-1].add(place, points, self._sides(points))
+        self._submaps[-1].add(seen_from(self._frames[-1], pose), seen)
         self._keyframe = pose
 
-    def is_due(self, points: FloatArray, pose: FloatArray) -> bool:
+    def is_due(self, seen: OrientedPoints, pose: FloatArray) -> bool:
         """True if a scan shall be drawn: it was taken away from the last one, and shows something."""
         moved = np.abs(seen_from(self._keyframe, pose)).max()
-        return bool(moved > KEYFRAME) and len(points) >= FEW_POINTS
-
-    def view(self, scan: LaserScan, points: FloatArray) -> ScanView:
-        """A scan with its points (n, 2)."""
-        return ScanView(points, self._sides(points), scan.ranges)
+        return bool(moved > KEYFRAME) and len(seen.points) >= FEW_POINTS
 
     def _target(self) -> AlignmentTarget:
         return AlignmentTarget(self._submaps, np.array(self._frames))
-
-    def _sides(self, points: FloatArray) -> FloatArray:
-        return sides_of(points, self._beams.mount)
 
 
 def no_alignment(pose: FloatArray) -> Alignment:
@@ -143,23 +175,7 @@ def no_alignment(pose: FloatArray) -> Alignment:
     return Alignment(pose, nothing, np.zeros(1))
 
 
-def by_laser(placed: Alignment) -> tuple[FloatArray, FloatArray]:
-    """What the laser by itself says of a pose that was aligned by a prior, too.
-
-    Returns:
-        The motion (3,) from where the laser alone would have put it to where it is, and the information (3, 3) that is
-        believed.
-    """
-    sums = placed.equations.sums.sum(axis=0)
-    information = sums[:3, :3]
-    own = np.eye(3)
-    shift = product(inverted(information + DAMPING * own), sums[:3, 3:])
-    doubted = BINDING * (own - BINDING * inverted(information + BINDING * own))
-    covariance = inverted(information - doubted + own) + np.diag(np.square(MATCH_FLOOR))
-    return shift[:, 0], inverted(covariance)
-
-
-def motion_between(first: LaserScan, second: LaserScan, expected: FloatArray) -> LaserMotion:
+def motion_between(first: LaserScan, second: LaserScan, expected: FloatArray) -> Alignment:
     """The motion between two scans by the laser, which is ``expected`` (3,); their own motions are taken as true.
 
     Another one must fit better, and less of it be contradicted by what the scans saw through: in a bare corridor each
@@ -167,28 +183,25 @@ def motion_between(first: LaserScan, second: LaserScan, expected: FloatArray) ->
     """
     before = RecentScans(first.geometry)
     start = np.zeros(3)
-    seen = before.points(first, first.motion)
-    before.draw(seen, start)
-    points = before.points(second, second.motion)
+    older = ScanView(before.seen(first, first.motion), first.ranges)
+    newer = ScanView(before.seen(second, second.motion), second.ranges)
+    before.draw(older.seen, start)
     unknown = np.zeros((3, 3))
     placed = no_alignment(expected)
-    if len(points) >= FEW_POINTS:
-        placed = before.align(points, expected, expected, unknown)
+    count = len(newer.seen.points)
+    if count >= FEW_POINTS:
+        placed = before.align(newer.seen, expected, expected, unknown)
         if placed.fit < SURE_FIT:
             wait = second.stamp - first.stamp
-            widths = np.clip(np.multiply(FASTEST, wait), LEAST_WIDTH, MOST_WIDTH)
-            place = before.search(points, expected, *widths.tolist())
-            found = before.align(points, place, place, unknown)
+            place = before.search(newer.seen, expected, np.multiply(FASTEST, wait))
+            found = before.align(newer.seen, place, place, unknown)
             if found.fit > placed.fit + BETTER_FIT:
                 sight = Sight(first.geometry, TRACKED_RANGE)
-                newer = before.view(second, points)
-                older = before.view(first, seen)
                 as_expected = sight.clashes(newer, placed, older, start)
                 as_found = sight.clashes(newer, found, older, start)
-                if as_expected > as_found + BETTER_FIT * len(points):
+                if as_expected > as_found + BETTER_FIT * count:
                     placed = found
-    information = placed.equations.sums.sum(axis=0)[:3, :3]
-    return LaserMotion(placed.pose, information, placed.fit)
+    return placed
 
 
 class LaserTracker:
@@ -220,44 +233,44 @@ class LaserTracker:
         motion = self._motion
         before = motion.pose
         motion.predict(wait)
-        points = self._points(scan, motion.speed)
-        placed = self._place(points)
+        seen = self._seen(scan, motion.speed)
+        placed = self._place(seen)
         if scan.geometry.scan_time > 0.0:
             speed = seen_from(before, placed.pose) / wait
             self._draw_first(speed)
-            points = self._points(scan, speed)
-            placed = self._place(points)
+            seen = self._seen(scan, speed)
+            placed = self._place(seen)
         self._first = None
-        if len(points) >= LEAST_POINTS:
-            shift, information = by_laser(placed)
+        if len(seen.points) >= LEAST_POINTS:
+            # What the laser by itself says of a pose that was aligned by a prior, too.
+            shift, information = weigh_match(placed.sums, 0.0, 1, BINDING)
             motion.correct(placed.pose - shift, information)
-        if self._recent.is_due(points, motion.pose):
-            self._recent.draw(points, motion.pose)
+        if self._recent.is_due(seen, motion.pose):
+            self._recent.draw(seen, motion.pose)
         return seen_from(before, motion.pose)
 
-    def _points(self, scan: LaserScan, speed: FloatArray) -> FloatArray:
-        """End points (n, 2) at a speed (3,)."""
+    def _seen(self, scan: LaserScan, speed: FloatArray) -> OrientedPoints:
+        """End points at a speed (3,)."""
         moved = Pose2D(*(speed * scan.geometry.scan_time).tolist())
-        return self._recent.points(scan, moved)
+        return self._recent.seen(scan, moved)
 
-    def _place(self, points: FloatArray) -> Alignment:
-        """Find where points (n, 2) were seen: where they fit best, given where a robot of steady speed should be."""
+    def _place(self, seen: OrientedPoints) -> Alignment:
+        """Find where a scan was taken: where it fits best, given where a robot of steady speed should be."""
         guess = self._motion.pose
-        if len(points) < LEAST_POINTS:
+        count = len(seen.points)
+        if count < LEAST_POINTS:
             return no_alignment(guess)
         covariance = self._motion.pose_covariance
         known = inverted(covariance)
-        placed = self._recent.align(points, guess, guess, known)
-        if placed.fit >= SURE_FIT or len(points) < FEW_POINTS:
+        placed = self._recent.align(seen, guess, guess, known)
+        if placed.fit >= SURE_FIT or count < FEW_POINTS:
             return placed
-        deviations = np.array(pose_spreads(covariance))
-        widths = np.clip(SEARCHED_DEVIATIONS * deviations, LEAST_WIDTH, MOST_WIDTH)
-        place = self._recent.search(points, guess, *widths.tolist())
-        found = self._recent.align(points, place, guess, known)
+        place = self._recent.search(seen, guess, SEARCHED_DEVIATIONS * pose_spreads(covariance))
+        found = self._recent.align(seen, place, guess, known)
 
         def evidence(one: Alignment) -> float:
             """Log-likelihood of an alignment [nats]."""
-            fitting = POINT_NATS * one.fit * len(points)
+            fitting = POINT_NATS * one.fit * count
             return fitting - 0.5 * chi_squared(one.pose, guess, known)
 
         is_better = evidence(found) > evidence(placed) + NARROW_SEARCH_NATS
@@ -267,7 +280,7 @@ class LaserTracker:
         """Draw the first scan, again once the speed (3,) is known at which it was taken."""
         if self._first is not None:
             self._recent = RecentScans(self._first.geometry)
-            self._recent.draw(self._points(self._first, speed), np.zeros(3))
+            self._recent.draw(self._seen(self._first, speed), np.zeros(3))
 
 
 def with_laser_odometry(log: Log) -> Log:

@@ -114,6 +114,8 @@ class Mapper(ABC):
     Args:
         config: Settings of the map.
         geometry: The scanner.
+        initial_pose: Where the robot starts in the map frame.
+        rng: Source of all randomness, of which only ``rbpf`` has any.
         thresholds: Distance [m], turn [rad] and time [s] after which a scan is processed; by default the settings'.
     """
 
@@ -123,9 +125,13 @@ class Mapper(ABC):
         self,
         config: SlamConfig,
         geometry: LaserGeometry,
+        initial_pose: Pose2D,
+        rng: np.random.Generator,
         thresholds: tuple[float, float, float] | None = None,
     ) -> None:
         self._config = config
+        self._rng = rng
+        self._last_pose = initial_pose  # at the last processed scan
         self._beams = BeamTable.of(geometry, config)
         self._gate = OdometryGate(thresholds or update_thresholds(config))
         self._map = HitCountMap(self._beams, config)
@@ -134,9 +140,9 @@ class Mapper(ABC):
         self._path = Columns(stamps=(), poses=(3,))
 
     @property
-    @abstractmethod
     def pose(self) -> Pose2D:
         """The estimate at the last scan's stamp: best pose at the last processed scan plus odometry since."""
+        return compose(self._last_pose, self._gate.since_processed)
 
     @property
     def covariance(self) -> FloatArray:
@@ -223,7 +229,7 @@ class Mapper(ABC):
 
     @abstractmethod
     def _process(self, scan: LaserScan) -> None:
-        """Take a scan that is due, as a laser would have taken it at once at its stamp."""
+        """Take a scan that is due, as a laser would have taken it at once at its stamp, and find the pose there."""
 
     def _draw_path(self) -> None:  # noqa: B027 - where scans are drawn at once
         """Bring the map up to date with the path."""
@@ -241,22 +247,6 @@ class PoseTracker(Mapper):
 
     # Drawing a scan takes less than asking for the process's time.
     _clock = staticmethod(time.perf_counter)
-
-    def __init__(
-        self,
-        config: SlamConfig,
-        geometry: LaserGeometry,
-        initial_pose: Pose2D,
-        rng: np.random.Generator,
-    ) -> None:
-        del rng  # nothing is random here
-        super().__init__(config, geometry)
-        self._last_pose = initial_pose
-
-    @property
-    def pose(self) -> Pose2D:
-        """The pose at the last scan, as it was given."""
-        return compose(self._last_pose, self._gate.since_processed)
 
     def _process(self, scan: LaserScan) -> None:
         self._last_pose = self.pose

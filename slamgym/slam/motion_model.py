@@ -6,7 +6,7 @@ import numpy as np
 
 from slamgym.core.geometry import between, wrap_angle
 from slamgym.core.jit import kernel
-from slamgym.core.types import FloatArray, IntArray, Pose2D
+from slamgym.core.types import AT_REST, FloatArray, IntArray, Pose2D
 from slamgym.metrics.trajectory import relative_poses
 from slamgym.slam.config import MotionNoise, SlamConfig
 from slamgym.slam.graph.relative import placed_points
@@ -44,8 +44,9 @@ class OdometryGate:
 
     def __init__(self, thresholds: tuple[float, float, float]) -> None:
         self._updates = thresholds
-        self._last: Pose2D | None = None
-        self._last_processed = Pose2D(0.0, 0.0, 0.0)
+        self._is_first = True
+        self._last = AT_REST
+        self._last_processed = AT_REST
         self._last_stamp = 0.0
         self._distance = 0.0
         self._turn = 0.0
@@ -54,13 +55,12 @@ class OdometryGate:
     @property
     def since_processed(self) -> Pose2D:
         """Motion since the last processed scan, in the robot frame of that time."""
-        if self._last is None:
-            return Pose2D(0.0, 0.0, 0.0)
         return between(self._last_processed, self._last)
 
     def must_process(self, odometry: Pose2D, stamp: float) -> bool:
         """Take the odometry pose of a scan; True if the scan must be processed. The first one must."""
-        if self._last is None:
+        if self._is_first:
+            self._is_first = False
             self._last = odometry
             self._last_processed = odometry
             return True
@@ -73,8 +73,7 @@ class OdometryGate:
     def take(self, stamp: float) -> FloatArray:
         """Start again from here; returns the increments (scans, 3) since the last processed scan."""
         increments = np.array(self._increments, dtype=np.float64).reshape(-1, 3)
-        if self._last is not None:
-            self._last_processed = self._last
+        self._last_processed = self._last
         self._last_stamp = stamp
         self._distance = 0.0
         self._turn = 0.0

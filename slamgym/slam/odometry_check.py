@@ -7,11 +7,10 @@ only by scans that fit elsewhere and not where it says.
 
 import math
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
-from slamgym.core.geometry import wrap_angle
+from slamgym.core.geometry import runs_of, wrap_angle
 from slamgym.core.portable import inverted, product
 from slamgym.core.types import BoolArray, FloatArray, IntArray
 from slamgym.interop.odometry import retimed, without_odometry
@@ -19,8 +18,8 @@ from slamgym.interop.records import Log
 from slamgym.metrics.trajectory import relative_poses
 from slamgym.slam.laser_changes import noting_changes
 from slamgym.slam.laser_check import noting_gaps, without_repeats
-from slamgym.slam.laser_odometry import motion_between, with_steps
-from slamgym.slam.scan_time_check import with_estimated_scan_time
+from slamgym.slam.laser_odometry import PairMotions, odometry_between, with_steps
+from slamgym.slam.scan_time_check import falls, with_estimated_scan_time
 
 MOST_PAIRS = 2000
 """About so many pairs are looked at."""
@@ -63,16 +62,6 @@ OTHERWISE = (
 )
 
 
-class PairMotions(NamedTuple):
-    """Motions between pairs of scans, in the frame of the robot at the first."""
-
-    scans: IntArray  # (2, N) indices
-    stamps: FloatArray  # (2, N) [s]
-    laser: FloatArray  # (N, 3)
-    information: FloatArray  # (N, 3, 3) of the laser's motions
-    odometry: FloatArray  # (N, 3)
-
-
 def check_odometry(log: Log, estimate_offset: bool = True, estimate_scan_time: bool = True) -> Log:
     """The log with what its odometry got wrong put right, or left out, and said; its laser's faults, too.
 
@@ -97,13 +86,13 @@ def check_odometry(log: Log, estimate_offset: bool = True, estimate_scan_time: b
             "(--time-offset 0 doesn't)",
         )
         checked = noting_changes(in_time)
-        pairs = pairs._replace(odometry=_odometry_of(checked, pairs.scans))
+        pairs = pairs._replace(odometry=odometry_between(checked, pairs.scans))
     lie = _lie(pairs)
     if lie:
         sentence = f"the odometry {lie}: the laser alone is used {OTHERWISE}"
         return without_odometry(checked).noting("odometry", sentence)
     checked = _rescaled(checked, pairs)
-    pairs = pairs._replace(odometry=_odometry_of(checked, pairs.scans))
+    pairs = pairs._replace(odometry=odometry_between(checked, pairs.scans))
     return _distrusted(checked, pairs)
 
 
@@ -114,44 +103,22 @@ def measure_pairs(log: Log) -> PairMotions:
     """
     stamps = np.array([record.stamp for record in log])
     scans = _sampled_pairs(stamps)
-    first, second = stamps[scans]
     for begin, end in log.doubted:
-        apart = (second < begin) | (first >= end)
-        scans, first, second = scans[:, apart], first[apart], second[apart]
-    odometry = _odometry_of(log, scans)
-    motions = []
-    is_seen = []
-    for (first, second), expected in zip(scans.T.tolist(), odometry, strict=True):
-        motion = motion_between(log.records[first].scan, log.records[second].scan, expected)
-        is_seen.append(motion.fit >= LEAST_FIT)
-        if motion.fit >= LEAST_FIT:
-            motions.append(motion)
-    seen = np.flatnonzero(is_seen)
-    return PairMotions(
-        scans=scans[:, seen],
-        stamps=stamps[scans[:, seen]],
-        laser=np.array([motion.step for motion in motions]).reshape(-1, 3),
-        information=np.array([motion.information for motion in motions]).reshape(-1, 3, 3),
-        odometry=odometry[seen],
-    )
+        first, second = stamps[scans].T
+        scans = scans[(second < begin) | (first >= end)]
+    pairs = PairMotions.between(log, scans)
+    return pairs.at(pairs.fits >= LEAST_FIT)
 
 
 def _sampled_pairs(stamps: FloatArray) -> IntArray:
-    """First and second scan (2, N) of pairs, spread over a log whose stamps are given."""
+    """First and second scan (N, 2) of pairs, spread over a log whose stamps are given."""
     every = np.arange(len(stamps) - 1)
     later = np.searchsorted(stamps, stamps[:-1] + PAIR_SECONDS).clip(max=len(every))
     after = np.maximum(later, every + 1)
     usual = int(np.median(after - every))
     stride = max(usual, 1 + len(every) // MOST_PAIRS)
     first = every[::stride]
-    return np.array([first, after[first]])
-
-
-def _odometry_of(log: Log, scans: IntArray) -> FloatArray:
-    """Motions (N, 3) by odometry between pairs of scans (2, N)."""
-    poses = np.array([record.odometry for record in log], dtype=np.float64)
-    first, second = scans
-    return relative_poses(poses[first], poses[second])
+    return np.column_stack([first, after[first]])
 
 
 def _lateness(log: Log, pairs: PairMotions) -> float:
@@ -160,7 +127,7 @@ def _lateness(log: Log, pairs: PairMotions) -> float:
     stamps = log.track.stamps[order]
     headings = np.unwrap(log.track.poses[order, 2])
     turning = np.abs(pairs.laser[:, 2]) > MOVED_RADIANS
-    first, second = pairs.stamps[:, turning]
+    first, second = pairs.stamps[turning].T
     begin = np.interp(first + OFFSETS[:, None], stamps, headings)
     end = np.interp(second + OFFSETS[:, None], stamps, headings)
     turned = end - begin
@@ -169,13 +136,9 @@ def _lateness(log: Log, pairs: PairMotions) -> float:
     best = int(np.argmin(costs.sum(axis=1)))
     now = costs[len(OFFSETS) // 2]
     is_outermost = best in {0, len(OFFSETS) - 1}
-    if len(now) < FEWEST_MOVING or is_outermost:
-        return 0.0
-    quarters = zip(np.array_split(costs[best], 4), np.array_split(now, 4), strict=True)
-    for found, before in quarters:
-        if found.sum() >= EXPLAINED_SHARE * before.sum():
-            return 0.0
-    return float(OFFSETS[best])
+    is_enough = len(now) >= FEWEST_MOVING and not is_outermost
+    is_sure = is_enough and falls(costs[best], now, EXPLAINED_SHARE)
+    return float(OFFSETS[best]) if is_sure else 0.0
 
 
 def odometry_shares(pairs: PairMotions) -> tuple[float, float, float]:
@@ -277,15 +240,14 @@ def _contradicted(pairs: PairMotions) -> list[tuple[float, float]]:
     agrees = deviations < 0.5 * CONTRADICTION
     contradicts = deviations > CONTRADICTION
     telling = has_moved & (agrees | contradicts)
-    padded = np.pad(contradicts[telling], 2).astype(np.int64)
+    padded = np.pad(contradicts[telling], 1).astype(np.int64)
     most = padded[:-2] + padded[1:-1] + padded[2:] >= 2
-    edges = np.flatnonzero(np.diff(most)).reshape(-1, 2)
-    begins, ends = pairs.stamps[:, telling]
-    stretches = []
-    for first, end in edges.tolist():
-        if end - first >= LEAST_STRETCH:
-            stretches.append((float(begins[first]), float(ends[end - 1])))
-    return stretches
+    stamps = pairs.stamps[telling]
+    return [
+        (float(stamps[first, 0]), float(stamps[end - 1, 1]))
+        for first, end in runs_of(most).tolist()
+        if end - first >= LEAST_STRETCH
+    ]
 
 
 def _sizes(motions: FloatArray) -> FloatArray:

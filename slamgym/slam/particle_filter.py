@@ -7,12 +7,12 @@ most of the weight they are resampled.
 
 import numpy as np
 
-from slamgym.core.geometry import compose, wrap_angle
+from slamgym.core.geometry import wrap_angle
 from slamgym.core.jit import plain
 from slamgym.core.portable import product
 from slamgym.core.types import FloatArray, IntArray, LaserGeometry, LaserScan, Pose2D, Trajectory
 from slamgym.slam.config import SlamConfig
-from slamgym.slam.end_points import farthest, usable_end_points
+from slamgym.slam.end_points import usable_end_points
 from slamgym.slam.hill_climbing import MatchSettings, match_particles
 from slamgym.slam.mapper import Mapper
 from slamgym.slam.motion_model import noise_array, sample_motion
@@ -59,8 +59,7 @@ class ParticleFilter(Mapper):
         rng: np.random.Generator,
     ) -> None:
         count = config.particles
-        super().__init__(config, geometry)
-        self._rng = rng
+        super().__init__(config, geometry, initial_pose, rng)
         self._noise = noise_array(config.motion)
         self._poses: FloatArray = np.tile(np.array(initial_pose, dtype=np.float64), (count, 1))
         self._log_weights = np.zeros(count)  # since the last resampling
@@ -71,12 +70,6 @@ class ParticleFilter(Mapper):
         self._lineage: IntArray = np.zeros(0, dtype=np.int64)  # of the path drawn
         self._drawn_poses: FloatArray = np.zeros((0, 3))
         self._match_settings = plain(match_settings(config))
-
-    @property
-    def pose(self) -> Pose2D:
-        """The best particle's pose, moved on by the odometry since."""
-        best = Pose2D(*self._poses[self.best_particle].tolist())
-        return compose(best, self._gate.since_processed)
 
     @property
     def best_particle(self) -> int:
@@ -113,13 +106,15 @@ class ParticleFilter(Mapper):
         normals = draw((len(increments), *self._poses.shape))
         sample_motion(self._poses, increments, normals, self._noise)
         points = usable_end_points(scan.ranges, plain(self._beams), np.inf)
-        self._maps.cover(self._poses, farthest(points) + MATCH_MARGIN)
+        farthest = float(np.abs(points).sum(axis=1).max(initial=0.0))
+        self._maps.cover(self._poses, farthest + MATCH_MARGIN)
         if len(self._tree) > 0:
             self._match_and_weigh(points)
             if self._stats.n_eff[-1] < self._config.resample_threshold * len(self._poses):
                 self._resample()
         self._tree.add(scan.stamp, self._poses, scan.ranges)
         self._maps.register(self._poses, points)
+        self._last_pose = Pose2D(*self._poses[self.best_particle].tolist())
 
     def _match_and_weigh(self, points: FloatArray) -> None:
         """Move the particles to their best matches and weigh them."""

@@ -1,7 +1,5 @@
 """The particles' maps, made of shared tiles; paths that share their past (GMapping's trajectory tree); and weights."""
 
-import math
-
 import numpy as np
 
 from slamgym.core.errors import SlamgymError
@@ -133,7 +131,9 @@ class ParticleMaps:
         self.resolution = resolution
         self.pool = TilePool.empty(FIRST_TILES)
         self.tables = np.zeros((particles, 0, 0), dtype=np.int32)
-        self._corner = (0, 0)  # tile (row, col) of the lattice where the tables begin
+        self._first = np.zeros(
+            2, dtype=np.int64
+        )  # tile (col, row) of the lattice where the tables begin
         self.origin: FloatArray = np.zeros(2)
         self._memory_limit = memory_limit_mb * 1e6
 
@@ -150,28 +150,24 @@ class ParticleMaps:
     def cover(self, poses: FloatArray, radius: float) -> None:
         """Let the tables cover all points within ``radius`` [m] of the poses (particles, 3)."""
         side = TILE * self.resolution
-        min_x, min_y = poses[:, :2].min(axis=0).tolist()
-        max_x, max_y = poses[:, :2].max(axis=0).tolist()
-        row, col = self._corner
+        # Tiles (col, row) of the lattice.
+        first = np.floor((poses[:, :2].min(axis=0) - radius) / side).astype(np.int64)
+        end = np.floor((poses[:, :2].max(axis=0) + radius) / side).astype(np.int64) + 1
         particles, rows, cols = self.tables.shape
-        needed_rows = _tiles_between(min_y - radius, max_y + radius, side)
-        needed_cols = _tiles_between(min_x - radius, max_x + radius, side)
-        if rows:
-            needed_rows = _grown((row, row + rows), needed_rows)
-            needed_cols = _grown((col, col + cols), needed_cols)
-        first_row, end_row = needed_rows
-        first_col, end_col = needed_cols
-        height = end_row - first_row
-        width = end_col - first_col
-        if rows and height == rows and width == cols:
-            return
+        before = self._first
+        if self.tables.size:
+            behind = before + np.array([cols, rows])
+            if (first >= before).all() and (end <= behind).all():
+                return
+            first = np.where(first < before, np.minimum(first, before - GROWTH_TILES), before)
+            end = np.where(end > behind, np.maximum(end, behind + GROWTH_TILES), behind)
+        width, height = end - first
         tables = np.zeros((particles, height, width), dtype=np.int32)
-        below = row - first_row
-        left = col - first_col
+        left, below = before - first
         tables[:, below : below + rows, left : left + cols] = self.tables
         self.tables = tables
-        self._corner = (first_row, first_col)
-        self.origin = np.array([first_col, first_row], dtype=np.float64) * side
+        self._first = first
+        self.origin = first * side
 
     def register(self, poses: FloatArray, points: FloatArray) -> None:
         """Add end points (n, 2) [m], given in the robot frame, to each map at its particle's pose.
@@ -202,18 +198,3 @@ class ParticleMaps:
     def resample(self, ancestors: IntArray) -> None:
         """Give each particle the map of its ancestor, (particles,)."""
         copy_maps(self.pool, self.tables, ancestors)
-
-
-def _tiles_between(low: float, high: float, side: float) -> tuple[int, int]:
-    """First and end of the rows or columns of tiles, so large [m], that reach from one place to another [m]."""
-    return math.floor(low / side), math.floor(high / side) + 1
-
-
-def _grown(now: tuple[int, int], needed: tuple[int, int]) -> tuple[int, int]:
-    """First and end of rows or columns that hold those there are, and those needed and some more where they don't."""
-    first, end = now
-    if needed[0] < first:
-        first = min(needed[0], first - GROWTH_TILES)
-    if needed[1] > end:
-        end = max(needed[1], end + GROWTH_TILES)
-    return first, end

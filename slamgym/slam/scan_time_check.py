@@ -12,8 +12,7 @@ from slamgym.core.geometry import wrap_angle
 from slamgym.core.types import FloatArray, IntArray
 from slamgym.interop.records import Log
 from slamgym.interop.scan_times import BEAM_TIMES, stamped_earlier, usual_gap, with_scan_time
-from slamgym.metrics.trajectory import relative_poses
-from slamgym.slam.laser_odometry import motion_between
+from slamgym.slam.laser_odometry import PairMotions
 
 LONGEST_SCAN_TIME = 0.25
 """No usual laser takes longer for a scan [s]."""
@@ -64,7 +63,7 @@ def with_estimated_scan_time(log: Log) -> Log:
     if not log.has_odometry or log.geometry.scan_time > 0.0 or not longest > 0.0:
         return log
     pairs = _turns(log)
-    if pairs.shape[1] < FEWEST_TURNS:
+    if len(pairs) < FEWEST_TURNS:
         return log
     at_once = _try(log, pairs, 0.0)
     trials = [_try(log, pairs, share * longest) for share in COARSE_SHARES]
@@ -82,13 +81,13 @@ def with_estimated_scan_time(log: Log) -> Log:
     last = min(by_last, key=cost)
     if last.turn_errors.sum() < LAST_BEAM_SHARE * best.turn_errors.sum():
         best = last
-    is_clearer = _falls(best.misses, at_once.misses, CLEARER_SHARE)
-    is_truer = _falls(best.turn_errors, at_once.turn_errors, TRUER_SHARE)
+    is_clearer = falls(best.misses, at_once.misses, CLEARER_SHARE)
+    is_truer = falls(best.turn_errors, at_once.turn_errors, TRUER_SHARE)
     helps = _misses(best) < HELPFUL_SHARE * _misses(at_once)
     return _taking(log, best, longest) if helps and (is_clearer or is_truer) else log
 
 
-def _falls(found: FloatArray, before: FloatArray, share: float) -> bool:
+def falls(found: FloatArray, before: FloatArray, share: float) -> bool:
     """Whether the sum of values (N,) falls below a share in each quarter of them."""
     quarters = zip(np.array_split(found, 4), np.array_split(before, 4), strict=True)
     return all(after.sum() < share * once.sum() for after, once in quarters)
@@ -114,39 +113,29 @@ def _misses(trial: ScanTimeTrial) -> float:
 
 
 def _turns(log: Log) -> IntArray:
-    """First and second scan (2, N) of the pairs with the fastest turns between them, in the order of time."""
+    """First and second scan (N, 2) of the pairs with the fastest turns between them, in the order of time."""
     stamps = np.array([record.stamp for record in log])
     headings = np.unwrap([record.odometry.theta for record in log])
-    firsts = []
-    seconds = []
+    found = []
     for first in range(len(stamps) - 1):
         end = int(np.searchsorted(stamps, stamps[first] + LONGEST_TURN))
         turned = np.abs(headings[first + 1 : end] - headings[first])
         far = np.flatnonzero(turned >= 0.75 * PAIR_TURN)
         if len(far) and turned[far[0]] < 1.5 * PAIR_TURN:
-            firsts.append(first)
-            seconds.append(first + 1 + int(far[0]))
-    pairs = np.array([firsts, seconds], dtype=np.int64)
-    waits = stamps[pairs[1]] - stamps[pairs[0]]
+            found.append((first, first + 1 + int(far[0])))
+    pairs = np.array(found, dtype=np.int64).reshape(-1, 2)
+    waits = np.diff(stamps[pairs])[:, 0]
     fastest = np.argsort(waits, kind="stable")[:MOST_TURNS]
-    return pairs[:, np.sort(fastest)]
+    return pairs[np.sort(fastest)]
 
 
 def _try(log: Log, pairs: IntArray, seconds: float, is_last: bool = False) -> ScanTimeTrial:
-    """Lay the scans of pairs (2, N) on each other, if they take some time [s]."""
+    """Lay the scans of pairs (N, 2) on each other, if they take some time [s]."""
     if is_last:
         log = stamped_earlier(log, seconds)
-    log = with_scan_time(log, seconds)
-    poses = np.array([record.odometry for record in log], dtype=np.float64)
-    expected = relative_poses(poses[pairs[0]], poses[pairs[1]])
-    fits = []
-    turns = []
-    for (first, second), step in zip(pairs.T.tolist(), expected, strict=True):
-        motion = motion_between(log.records[first].scan, log.records[second].scan, step)
-        fits.append(motion.fit)
-        turns.append(motion.step[2])
-    odometry = expected[:, 2]
-    laser = np.array(turns)
+    motions = PairMotions.between(with_scan_time(log, seconds), pairs)
+    odometry = motions.odometry[:, 2]
+    laser = motions.laser[:, 2]
     scale = float(np.median(laser / odometry))
     errors = np.minimum(np.abs(wrap_angle(laser - scale * odometry)), TURN_OUTLIER)
-    return ScanTimeTrial(seconds, is_last, 1.0 - np.array(fits), scale, errors**2)
+    return ScanTimeTrial(seconds, is_last, 1.0 - motions.fits, scale, errors**2)

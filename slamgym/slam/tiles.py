@@ -161,15 +161,15 @@ def register_scan(maps: TileMaps, poses: FloatArray, points: FloatArray, first: 
             u = u0 + cos * points[i, 0] - sin * points[i, 1]
             v = v0 + sin * points[i, 0] + cos * points[i, 1]
             if u >= 1.0 and v >= 1.0 and u < max_u and v < max_v:
-                at_row = int(v) >> TILE_BITS
-                at_col = int(u) >> TILE_BITS
+                cell_u = int(u)
+                cell_v = int(v)
+                at_row = cell_v >> TILE_BITS
+                at_col = cell_u >> TILE_BITS
                 # Neighbouring beams mostly end in the same tile.
                 if at_row != row or at_col != col:
                     row = at_row
                     col = at_col
                     tile = writable_tile(pool, table, row, col)
-                cell_u = int(u)
-                cell_v = int(v)
                 # Indices are unsigned, so that none is asked whether it counts from the end.
                 cell = np.uint64(((cell_v & TILE_MASK) << TILE_BITS) | (cell_u & TILE_MASK))
                 own = np.uint64(tile)

@@ -16,7 +16,7 @@ from slamgym.slam.graph.consistency import (
     Consistency,
     are_broken,
 )
-from slamgym.slam.graph.submaps import Submap, sides_of
+from slamgym.slam.graph.submaps import Submap, oriented
 from slamgym.slam.mapper import DoubtSpan, SlamStats
 
 GEOMETRY = LaserGeometry(180, -np.pi, np.pi / 90, 0.1, 8.0, Pose2D(0.1, 0.0, 0.0))
@@ -34,11 +34,11 @@ def judged(offsets, deviation=0.0, fits=None):
     points = ranges[:, None] * np.column_stack(
         [np.cos(GEOMETRY.angles), np.sin(GEOMETRY.angles)]
     ) + (0.1, 0.0)
-    sides, submaps = sides_of(points, np.array([0.1, 0.0])), []
+    seen, submaps = oriented(points, np.array([0.1, 0.0])), []
     for number in range(len(offsets)):
         submap = Submap(SCANS * number, 6.0)
         for _ in range(SCANS):
-            submap.add(np.zeros(3), points, sides)
+            submap.add(np.zeros(3), seen)
         submap.close()
         submaps.append(submap)
     poses = np.zeros((SCANS * len(offsets), 3))

@@ -108,7 +108,7 @@ def test_scans_of_few_beams_in_a_bare_corridor_do_not_say_that_the_robot_stands(
         ranges += 0.01 * rng.standard_normal(count)
         return LaserScan(x, ranges.astype(np.float32), geometry)
 
-    driven = motion_between(scan(0.0), scan(1.0), np.array([1.0, 0.0, 0.0])).step
+    driven = motion_between(scan(0.0), scan(1.0), np.array([1.0, 0.0, 0.0])).pose
     assert driven[0] > 0.7  # along the walls little binds
 
 

@@ -13,12 +13,11 @@ from slamgym.interop import Log, LogRecord
 from slamgym.interop.odometry import retimed, without_jumps
 from slamgym.interop.records import interpolated
 from slamgym.metrics.trajectory import relative_poses
-from slamgym.slam.laser_odometry import with_laser_odometry
+from slamgym.slam.laser_odometry import PairMotions, with_laser_odometry
 from slamgym.slam.odometry_check import (
     MATCH_ERRORS,
     WHEEL_ERROR,
     WHEEL_ERROR_SHARE,
-    PairMotions,
     _deviations,
     check_odometry,
     measure_pairs,
@@ -52,8 +51,8 @@ def test_pairs_in_a_bare_corridor_say_nothing_of_the_wheels_distances():
     laser[in_corridor, 0] = 0.2
     information = np.tile(np.diag([5e4, 5e4, 5e4]), (count, 1, 1))
     information[in_corridor, 0, 0] = 300.0
-    scans = np.array([np.arange(count), np.arange(count) + 1])
-    pairs = PairMotions(scans, 1.0 * scans, laser, information, motion)
+    scans = np.column_stack([np.arange(count), np.arange(count) + 1])
+    pairs = PairMotions(scans, 1.0 * scans, laser, information, np.ones(count), motion)
     assert odometry_shares(pairs) == pytest.approx((1.0, 1.0, 0.0), abs=1e-9)
 
 
@@ -142,10 +141,11 @@ def test_a_deviation_is_counted_in_those_of_wheels_and_matches_together(seed):
     shape = rng.normal(0.0, 0.004, (3, 3))
     of_match = shape @ shape.T + 1e-6 * np.eye(3)
     pair = PairMotions(
-        scans=np.array([[0], [1]]),
-        stamps=np.array([[0.0], [0.3]]),
+        scans=np.array([[0, 1]]),
+        stamps=np.array([[0.0, 0.3]]),
         laser=(odometry + error)[None],
         information=np.linalg.inv(of_match)[None],
+        fits=np.ones(1),
         odometry=odometry[None],
     )
     wheels = np.array([[np.hypot(*odometry[:2]), abs(odometry[2])]])

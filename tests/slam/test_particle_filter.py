@@ -270,7 +270,7 @@ def test_the_particle_that_explains_its_path_best_is_known_after_a_resampling_to
     mapper._path_log_weights[:] = [-9.0, -5.0, -7.0, -1.0]
     mapper._weights = np.array([0.0, 0.5, 0.5, 0.0])  # the best of all dies, and the worst
     mapper._resample()
-    assert mapper.pose.x == pytest.approx(0.1)
+    assert mapper._poses[mapper.best_particle, 0] == pytest.approx(0.1)
 
 
 def test_the_effective_number_of_particles_lies_between_one_and_all():

@@ -8,7 +8,7 @@ from slamgym.slam.graph import recovery
 from slamgym.slam.graph.alignment import Alignment, NormalEquations
 from slamgym.slam.graph.recovery import Recovery
 from slamgym.slam.graph.sight import ScanView, Sight, count_seen_through
-from slamgym.slam.graph.submaps import sides_of
+from slamgym.slam.graph.submaps import oriented
 
 LASER = LaserGeometry(180, np.radians(-89.5), np.radians(1.0), 0.1, 4.0, Pose2D(0.0, 0.0, 0.0))
 USABLE = 3.95
@@ -25,7 +25,7 @@ def view(pose: np.ndarray, end: float) -> ScanView:
     ranges[ranges > USABLE] = np.inf
     seen = np.isfinite(ranges)
     points = (ranges * np.array([np.cos(LASER.angles), np.sin(LASER.angles)]))[:, seen].T
-    return ScanView(points, sides_of(points, np.zeros(2)), ranges.astype(np.float32))
+    return ScanView(oriented(points, np.zeros(2)), ranges.astype(np.float32))
 
 
 class Surfaces:
@@ -34,7 +34,7 @@ class Surfaces:
     def __init__(self, fit: float, count: int) -> None:
         self.fits = np.full(count, fit)
 
-    def align(self, points, sides, start, prior, known) -> Alignment:
+    def align_freely(self, seen, start) -> Alignment:
         return Alignment(
             start, NormalEquations(np.zeros((1, 4, 4)), np.zeros(1, np.int64)), self.fits
         )
@@ -44,10 +44,10 @@ def place_of(monkeypatch, true: np.ndarray, by_wheels: np.ndarray, other: np.nda
     """Where a scan is put that was taken at a pose and fits badly where the wheels say, and better elsewhere."""
     scan = view(true, end)
     monkeypatch.setattr(recovery, "_search", lambda *_: other)
-    badly = Surfaces(0.4, len(scan.points))
-    placed = badly.align(scan.points, scan.sides, by_wheels, by_wheels, INFORMATION)
+    badly = Surfaces(0.4, len(scan.seen.points))
+    placed = badly.align_freely(scan.seen, by_wheels)
     start = np.zeros(3)
-    well = Surfaces(0.9, len(scan.points))
+    well = Surfaces(0.9, len(scan.seen.points))
     before = view(start, end)
     looked = Recovery(Sight(LASER, USABLE))
     return looked.check(well, scan, by_wheels, INFORMATION, placed, before, start).pose

@@ -12,7 +12,7 @@ from slamgym.slam.config import SlamConfig
 from slamgym.slam.end_points import surface_normals
 from slamgym.slam.graph.alignment import FACES, AlignmentTarget
 from slamgym.slam.graph.matching import SearchWindow, score_levels
-from slamgym.slam.graph.submaps import SUBMAP_CELL, Submap, known_submap, known_surfaces, sides_of
+from slamgym.slam.graph.submaps import SUBMAP_CELL, Submap, known_submap, known_surfaces, oriented
 from slamgym.slam.hill_climbing import match_particles
 from slamgym.slam.particle_filter import match_settings
 from slamgym.slam.particles import ParticleMaps
@@ -39,14 +39,14 @@ def scan_points(pose, segments=ROOM, range_max=20.0):
 
 
 def with_sides(points):
-    return points, sides_of(points, np.zeros(2))
+    return oriented(points, np.zeros(2))
 
 
 def submap(poses, segments=ROOM):
     """A submap of exact scans; its frame is the map's."""
     drawn = Submap(0, 15.0)
     for pose in poses:
-        drawn.add(np.array(pose), *with_sides(scan_points(pose, segments)))
+        drawn.add(np.array(pose), with_sides(scan_points(pose, segments)))
     return drawn
 
 
@@ -57,7 +57,7 @@ def alone(drawn):
 def align(drawn, points, start, known=UNKNOWN_PLACE):
     """Pose, normal matrix and fit."""
     start = np.array(start)
-    placed = alone(drawn).align(*with_sides(points), start, start, known)
+    placed = alone(drawn).align(with_sides(points), start, start, known)
     return placed.pose, placed.equations.sums[0, :3, :3], placed.fit
 
 
@@ -90,7 +90,7 @@ def test_closing_a_submap_frees_memory_and_changes_no_alignment():
     # Its scans can still be moved: it is drawn again.
     drawn.clear()
     for pose in ROUND:
-        drawn.add(np.array(pose), *with_sides(scan_points(pose)))
+        drawn.add(np.array(pose), with_sides(scan_points(pose)))
     assert align(drawn, points, (0.12, 0.18, 0.41))[0] == pytest.approx(before[0], abs=5e-4)
 
 
@@ -99,7 +99,7 @@ def test_the_two_faces_of_a_thin_wall_stay_apart():
     for side, heading in ((-1, 0.0), (1, np.pi)):
         for away in (1.0, 1.2, 1.4):
             pose = (1.05 + side * away, 0.0, heading)
-            drawn.add(np.array(pose), *with_sides(scan_points(pose, faces)))
+            drawn.add(np.array(pose), with_sides(scan_points(pose, faces)))
     points, sides = drawn.lines()
     assert points[sides[:, 0] < 0.0, 0] == pytest.approx(1.02, abs=1e-6)
     assert points[sides[:, 0] > 0.0, 0] == pytest.approx(1.08, abs=1e-6)
@@ -111,13 +111,13 @@ def test_the_two_faces_of_a_thin_wall_stay_apart():
 def test_the_back_of_a_wall_is_another_wall():
     front = np.array([(2.03, -3.0, 2.03, 3.0)])
     drawn = submap([(0.0, 0.1 * k, 0.0) for k in range(4)], front)
-    points, sides = with_sides(scan_points((0.0, 0.0, 0.0), front))
+    seen = with_sides(scan_points((0.0, 0.0, 0.0), front))
     for centre, is_found in (
         (np.array([0.1, 0.1, 0.05]), True),
         (np.array([3.9, 0.1, np.pi - 0.05]), False),
     ):
-        _, score = SearchWindow(alone(drawn), centre, 0.5, 0.2, 4.0).search(points, sides, 0.1)
-        placed = alone(drawn).align(points, sides, centre, centre, UNKNOWN_PLACE)
+        _, score = SearchWindow(alone(drawn), centre, np.array([0.5, 0.2]), 4.0).search(seen, 0.1)
+        placed = alone(drawn).align_freely(seen, centre)
         assert (
             (score > 0.8 and placed.fit > 0.9) if is_found else (score <= 0.1 and placed.fit == 0.0)
         )
@@ -142,7 +142,8 @@ def test_an_older_map_is_seen_from_its_free_side():
     cells = np.full((60, 80), UNKNOWN, np.uint8)
     cells[10:50, 10:70], cells[12:48, 12:68] = OCCUPIED, FREE
     grid = OccupancyGrid(cells, GridFrame(0.05, -2.0, -1.5, *cells.shape))
-    points, sides = known_surfaces(grid)
+    known = known_surfaces(grid)
+    points, sides = known
     assert len(points) == 2 * (36 + 56)
     assert (sides[:, :2] * points).sum(axis=1).max() < 0.0  # to the middle, where it is free
     inner = np.array(
@@ -154,9 +155,9 @@ def test_an_older_map_is_seen_from_its_free_side():
         ]
     )
     start = np.array([0.2, 0.1, 0.3])
-    older = AlignmentTarget([known_submap((points, sides), start)], start[None])
+    older = AlignmentTarget([known_submap(known, start)], start[None])
     # Cells are marked in their middle, half of them behind the face.
-    placed = older.align(*with_sides(scan_points(start, inner)), start + 0.03, start, UNKNOWN_PLACE)
+    placed = older.align(with_sides(scan_points(start, inner)), start + 0.03, start, UNKNOWN_PLACE)
     assert placed.fit > 0.4
     assert placed.pose == pytest.approx(start, abs=0.03)
 
@@ -168,18 +169,18 @@ def test_an_older_map_is_seen_from_its_free_side():
 @given(st.floats(-0.8, 0.8), st.floats(-0.8, 0.8), st.floats(-0.35, 0.35))
 def test_a_search_finds_the_place_to_within_what_an_alignment_does(room, dx, dy, turn):
     truth, centre = np.array([0.1, 0.2, 0.4]), np.array([0.1 + dx, 0.2 + dy, 0.4 + turn])
-    points, sides = with_sides(scan_points(truth))
-    window = SearchWindow(alone(room), centre, 1.0, 0.4, 12.0)
-    found, score = window.search(points, sides, 0.3)
+    seen = with_sides(scan_points(truth))
+    window = SearchWindow(alone(room), centre, np.array([1.0, 0.4]), 12.0)
+    found, score = window.search(seen, 0.3)
     assert score > 0.6
-    assert align(room, points, found)[0] == pytest.approx(truth, abs=0.003)
+    assert align(room, seen.points, found)[0] == pytest.approx(truth, abs=0.003)
     # Of what lies elsewhere, nothing fits as well; and beyond the window nothing is found.
-    elsewhere, worse = window.search(points, sides, 0.1, found)
+    elsewhere, worse = window.search(seen, 0.1, found)
     assert worse < score - 0.1
     assert np.hypot(*(elsewhere - found)[:2]) >= 0.3 or worse == 0.1
     far = np.array([4.0, 0.2, 2.0])
-    narrow = SearchWindow(alone(room), far, 0.3, 0.1, 12.0)
-    assert narrow.search(points, sides, 0.7)[1] == pytest.approx(0.7, abs=0.01)
+    narrow = SearchWindow(alone(room), far, np.array([0.3, 0.1]), 12.0)
+    assert narrow.search(seen, 0.7)[1] == pytest.approx(0.7, abs=0.01)
 
 
 def test_branch_and_bound_finds_what_brute_force_finds():
@@ -233,9 +234,7 @@ def test_a_surface_has_a_normal_across_it_unless_its_points_stray(stray, is_wall
     points = np.column_stack([0.1 * np.arange(9), np.full(9, 2.0)])
     points[::2, 1] += stray
     points[1::2, 1] -= stray
-    normals = np.empty((9, 2))
-    surface_normals(points, normals)
-    inner = normals[3:-3]  # with three neighbours on both sides
+    inner = surface_normals(points)[3:-3]  # with three neighbours on both sides
     if is_wall:
         assert np.abs(inner[:, 1]) == pytest.approx(np.ones(3), abs=0.02)
     else:

@@ -5,16 +5,16 @@ a cell, in a corridor nothing binds along it, and the normal matrix says so.
 """
 
 import math
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from slamgym.core.geometry import transform_points
 from slamgym.core.jit import kernel
 from slamgym.core.portable import lower_factor, solve_factored
-from slamgym.core.types import FloatArray, IntArray, Pose2D
-from slamgym.slam.graph.relative import nearest_turn
-from slamgym.slam.graph.submaps import LINE, PIECE, SUBMAP_CELL, VACANT, Submap
+from slamgym.core.types import FloatArray, IntArray
+from slamgym.slam.graph.relative import Match, match_with, nearest_turn
+from slamgym.slam.graph.submaps import LINE, PIECE, SUBMAP_CELL, VACANT, OrientedPoints, Submap
 
 ALIGNED_COSINE = 0.7
 """Least cosine between a point's surface and the line that it is matched with."""
@@ -44,6 +44,12 @@ FACES = 4
 """Directions of the map's axes that surfaces face."""
 MOST_SUBMAPS = 4
 """Submaps that a scan is aligned with at once."""
+MOST_TRIED = 8
+"""So many submaps, the nearest ones, are looked at for overlap with a scan."""
+OVERLAP_SHARE = 0.3
+"""A scan is matched with a submap if more than this share of its points is near the submap's surfaces."""
+FEW_HITS = 10
+"""It is tied to the submap if so many of its points lie near the submap's surfaces."""
 
 
 class NormalEquations(NamedTuple):
@@ -59,6 +65,11 @@ class Alignment(NamedTuple):
     pose: FloatArray  # (3,) in the map frame
     equations: NormalEquations  # there
     fits: FloatArray  # (n,) how well each point fits, 0 to 1
+
+    @property
+    def sums(self) -> FloatArray:
+        """What all submaps together say, (4, 4); see :class:`NormalEquations`."""
+        return np.asarray(self.equations.sums.sum(axis=0))
 
     @property
     def fit(self) -> float:
@@ -109,39 +120,27 @@ def _weight(squared: float, width: float) -> float:
 
 @kernel
 def bind_scan(
-    submaps: tuple[tuple[np.ndarray, ...], ...],
-    corners: FloatArray,
-    frames: FloatArray,
-    points: FloatArray,
-    sides: FloatArray,
-    stride: int,
-    pose: FloatArray,
-    width: float,
-    sums: FloatArray,
-    hits: IntArray,
-    fits: FloatArray,
-) -> None:
+    submaps: tuple[Any, ...], points: FloatArray, sides: FloatArray, pose: FloatArray, width: float
+) -> tuple[FloatArray, IntArray, FloatArray]:
     """Compute what each submap says of a scan at a pose.
 
     Args:
-        submaps: Grids and pieces of the submaps, each a tuple of ``MOST_SUBMAPS`` arrays.
-        corners: (S, 2) of the submaps that count, the first of them.
-        frames: (S, 3) their nodes' poses in the map frame.
+        submaps: Grids and pieces of the submaps, each a tuple of ``MOST_SUBMAPS`` arrays, and of those that count, the
+            first of them, their corners (S, 2) and their nodes' poses (S, 3) in the map frame.
         points: (n, 2) end points in the robot frame [m].
         sides: (n, 3) their sides in the robot frame.
-        stride: Take every so many points.
         pose: (3,) of the robot in the map frame.
         width: Residual that counts a quarter [standard deviations].
-        sums: (S, 4, 4) receives the sums of :class:`NormalEquations`.
-        hits: (S,) receives the number of points near a surface.
-        fits: (n,) receives how well each point that is taken fits a surface of any submap, 0 to 1.
+
+    Returns:
+        The sums (S, 4, 4) and hits (S,) of :class:`NormalEquations`, and how well each point fits a surface of any
+        submap, (n,), 0 to 1.
     """
-    sums[:] = 0.0
-    hits[:] = 0
-    fits[:] = 0.0
-    taken = (len(points) + stride - 1) // stride
+    grids, all_pieces, corners, frames = submaps
+    sums = np.zeros((len(frames), 4, 4))
+    hits = np.zeros(len(frames), dtype=np.int64)
+    fits = np.zeros(len(points))
     row = np.empty(4)
-    grids, all_pieces = submaps
     for k in range(len(frames)):
         grid = grids[k]
         pieces = all_pieces[k]
@@ -154,11 +153,11 @@ def bind_scan(
         dy = pose[1] - frames[k, 1]
         own_x = cos * dx + sin * dy
         own_y = cos * dy - sin * dx
-        for i in range(taken):
-            px = points[i * stride, 0]
-            py = points[i * stride, 1]
-            qx = sides[i * stride, 0]
-            qy = sides[i * stride, 1]
+        for i in range(len(points)):
+            px = points[i, 0]
+            py = points[i, 1]
+            qx = sides[i, 0]
+            qy = sides[i, 1]
             arm_x = cos_own * px - sin_own * py
             arm_y = sin_own * px + cos_own * py
             side_x = cos_own * qx - sin_own * qy
@@ -166,7 +165,7 @@ def bind_scan(
             x = own_x + arm_x
             y = own_y + arm_y
             number = _nearest_line(
-                grid, pieces, corners[k], x, y, side_x, side_y, sides[i * stride, 2] > 0.0
+                grid, pieces, corners[k], x, y, side_x, side_y, sides[i, 2] > 0.0
             )
             if number == VACANT:
                 continue
@@ -186,43 +185,36 @@ def bind_scan(
             # Whether a point fits is told by the laser's error alone: a heap of clutter would fit anything.
             fit = _weight(error * error / (SURFACE_SIGMA * SURFACE_SIGMA), width)
             fits[i] = max(fits[i], fit)
+    return sums, hits, fits
 
 
 @kernel
 def align_scan(
-    submaps: tuple[tuple[np.ndarray, ...], ...],
-    corners: FloatArray,
-    frames: FloatArray,
+    submaps: tuple[Any, ...],
     points: FloatArray,
     sides: FloatArray,
     prior: FloatArray,
     known: FloatArray,
     pose: FloatArray,
-    sums: FloatArray,
-    hits: IntArray,
-    fits: FloatArray,
-) -> None:
+) -> tuple[FloatArray, IntArray, FloatArray]:
     """Align a scan with submaps by Gauss-Newton steps with Geman-McClure weights that narrow from step to step.
 
     Args:
         submaps: As for :func:`bind_scan`.
-        corners: As for :func:`bind_scan`.
-        frames: As for :func:`bind_scan`.
         points: As for :func:`bind_scan`.
         sides: As for :func:`bind_scan`.
         prior: (3,) expected pose.
         known: (3, 3) information of that; zero for none.
         pose: (3,) to begin at; receives the result.
-        sums: (S, 4, 4) receives what each submap says there.
-        hits: (S,) receives the number of points near a surface.
-        fits: (n,) receives how well each point fits, 0 to 1.
+
+    Returns:
+        As :func:`bind_scan`, before the last step.
     """
-    away = np.empty(3)
     gradient = np.empty(3)
     for step in range(ALIGN_STEPS):
         width = max(ALIGN_WIDTH, FIRST_WIDTH / (1.0 + step))
-        bind_scan(submaps, corners, frames, points, sides, 1, pose, width, sums, hits, fits)
-        away[:] = pose - prior
+        sums, hits, fits = bind_scan(submaps, points, sides, pose, width)
+        away = pose - prior
         away[2] = nearest_turn(away[2])
         h = known + 1e-3 * np.eye(3)  # damped, where a direction is bound by nothing
         for a in range(3):
@@ -240,6 +232,7 @@ def align_scan(
         pose[2] = nearest_turn(pose[2] - step_t)
         if width == ALIGN_WIDTH and length < CONVERGED_STEP and abs(step_t) < CONVERGED_TURN:
             break
+    return sums, hits, fits
 
 
 class AlignmentTarget:
@@ -253,66 +246,30 @@ class AlignmentTarget:
     def __init__(self, submaps: list[Submap], frames: FloatArray) -> None:
         self.submaps = submaps
         self.frames = np.ascontiguousarray(frames)
-        self._corners = np.array([submap.corner for submap in submaps])
+        corners = np.array([submap.corner for submap in submaps])
         blank = MOST_SUBMAPS - len(submaps)
         no_grid = np.full((1, 1, 2), VACANT, dtype=np.int32)
         no_pieces = np.zeros(1, dtype=PIECE)
         grids = [submap.grid for submap in submaps] + [no_grid] * blank
         pieces = [submap.pieces for submap in submaps] + [no_pieces] * blank
-        self._arrays = (tuple(grids), tuple(pieces))
+        self._arrays = (tuple(grids), tuple(pieces), corners, self.frames)
 
     def align(
-        self,
-        points: FloatArray,
-        sides: FloatArray,
-        start: FloatArray,
-        prior: FloatArray,
-        known: FloatArray,
+        self, seen: OrientedPoints, start: FloatArray, prior: FloatArray, known: FloatArray
     ) -> Alignment:
-        """Align a scan; see :func:`align_scan`."""
+        """Align a scan from a pose (3,), by a prior (3,) of known information (3, 3); zero for none."""
         pose = start.copy()
-        equations = self._no_equations()
-        fits = np.empty(len(points))
-        align_scan(
-            self._arrays,
-            self._corners,
-            self.frames,
-            points,
-            sides,
-            prior,
-            known,
-            pose,
-            equations.sums,
-            equations.hits,
-            fits,
-        )
-        return Alignment(pose, equations, fits)
+        sums, hits, fits = align_scan(self._arrays, *seen, prior, known, pose)
+        return Alignment(pose, NormalEquations(sums, hits), fits)
 
-    def hit_shares(
-        self, points: FloatArray, sides: FloatArray, pose: FloatArray, stride: int
-    ) -> FloatArray:
-        """Share of every ``stride``-th point that lies near a surface of each submap, (S,)."""
-        equations = self._no_equations()
-        bind_scan(
-            self._arrays,
-            self._corners,
-            self.frames,
-            points,
-            sides,
-            stride,
-            pose,
-            FIRST_WIDTH,
-            equations.sums,
-            equations.hits,
-            np.empty(len(points)),
-        )
-        taken = math.ceil(len(points) / stride)
-        return np.asarray(equations.hits / max(1, taken), dtype=np.float64)
+    def align_freely(self, seen: OrientedPoints, start: FloatArray) -> Alignment:
+        """The same where nothing is known of the pose but where to begin."""
+        return self.align(seen, start, start, np.zeros((3, 3)))
 
-    def _no_equations(self) -> NormalEquations:
-        """Arrays for a kernel to fill."""
-        count = len(self.submaps)
-        return NormalEquations(np.empty((count, 4, 4)), np.empty(count, dtype=np.int64))
+    def hit_shares(self, seen: OrientedPoints, pose: FloatArray) -> FloatArray:
+        """Share of the points of a scan at a pose that lie near a surface of each submap, (S,)."""
+        _, hits, _ = bind_scan(self._arrays, *seen, pose, FIRST_WIDTH)
+        return np.asarray(hits / max(1, len(seen.points)), dtype=np.float64)
 
     def occupied(self, centre: FloatArray, radius: float) -> tuple[np.ndarray, FloatArray]:
         """Find cells with a surface within a radius of a place.
@@ -326,13 +283,51 @@ class AlignmentTarget:
         origin = (np.floor(centre[:2] / SUBMAP_CELL) - half) * SUBMAP_CELL
         cells = np.zeros((FACES, size, size), dtype=np.uint8)
         for submap, frame in zip(self.submaps, self.frames, strict=True):
-            means, sides = submap.means
-            placed = transform_points(Pose2D(*frame), means)
-            cols, rows = np.floor((placed - origin) / SUBMAP_CELL).astype(np.int64).T
-            to_x, to_y = transform_points(Pose2D(0.0, 0.0, frame[2]), sides).T
+            placed = submap.means.placed(frame)
+            cols, rows = np.floor((placed.points - origin) / SUBMAP_CELL).astype(np.int64).T
             inside = (rows >= 0) & (cols >= 0) & (rows < size) & (cols < size)
-            faces = (to_x, to_y, -to_x, -to_y)
-            for face, towards in enumerate(faces):
-                kept = inside & (towards > 0.0)
+            for face, is_seen in enumerate(placed.seen_by_face()):
+                kept = inside & is_seen
                 cells[face, rows[kept], cols[kept]] = 1
         return cells, origin
+
+
+TargetOf = Callable[[list[int]], AlignmentTarget]
+"""Makes submaps, given by their numbers, ready for an alignment."""
+
+
+def nearest_within(places: FloatArray, place: FloatArray, reach: float) -> list[int]:
+    """Numbers of those of some places (N, 2) that are in reach [m] of another (2 or more,), the nearest first."""
+    away = np.hypot(*(places - place[:2]).T)
+    nearest = np.argsort(away, kind="stable")[:MOST_TRIED]
+    in_reach: list[int] = nearest[away[nearest] < reach].tolist()
+    return in_reach
+
+
+def overlapping(
+    target_of: TargetOf, numbers: list[int], seen: OrientedPoints, pose: FloatArray
+) -> list[int]:
+    """Those of some submaps that show much of what is seen from a pose (3,), the most first."""
+    found: list[tuple[float, int]] = []
+    for begin in range(0, len(numbers), MOST_SUBMAPS):
+        tried = numbers[begin : begin + MOST_SUBMAPS]
+        shares = target_of(tried).hit_shares(seen, pose)
+        found += zip((-shares).tolist(), tried, strict=True)
+    return [number for share, number in sorted(found) if -share > OVERLAP_SHARE]
+
+
+def matches_of(placed: Alignment, poses: FloatArray, firsts: list[int], node: int) -> list[Match]:
+    """What each of the submaps that a node was aligned with says of its place.
+
+    Args:
+        placed: The alignment.
+        poses: (N, 3) of the nodes.
+        firsts: The submaps' nodes.
+        node: The aligned one.
+    """
+    sums, hits = placed.equations
+    return [
+        match_with(poses, first, node, placed.pose, of_submap, len(firsts))
+        for first, of_submap, count in zip(firsts, sums, hits, strict=True)
+        if count >= FEW_HITS
+    ]

@@ -1,15 +1,13 @@
 """Loop closures: which old submaps may be seen again, and which closures the path allows."""
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 
-from slamgym.core.geometry import transform_points
 from slamgym.core.portable import inverted
-from slamgym.core.types import Float32Array, FloatArray, Pose2D
+from slamgym.core.types import Float32Array, FloatArray
 from slamgym.slam.config import PoseGraphConfig
-from slamgym.slam.graph.alignment import MOST_SUBMAPS, AlignmentTarget
+from slamgym.slam.graph.alignment import MOST_SUBMAPS, TargetOf
 from slamgym.slam.graph.matching import SearchWindow
 from slamgym.slam.graph.pose_graph import PoseGraph, drift_covariance
 from slamgym.slam.graph.relative import (
@@ -21,7 +19,7 @@ from slamgym.slam.graph.relative import (
     seen_from,
 )
 from slamgym.slam.graph.sight import SEEN_FIT, Sight
-from slamgym.slam.graph.submaps import Submap
+from slamgym.slam.graph.submaps import OrientedPoints, Submap
 
 LOOP_METRES = 1.0
 """A loop is sought after so much driving [m]."""
@@ -64,9 +62,6 @@ AGREEING_CHI2 = 11.3
 MOST_REMEMBERED = 24
 """So many of the latest closures are held against a new one."""
 
-TargetOf = Callable[[list[int]], AlignmentTarget]
-"""Makes submaps, given by their numbers, ready for an alignment."""
-
 
 class LoopCloser:
     """Seeks old submaps where the robot may be again.
@@ -74,11 +69,24 @@ class LoopCloser:
     Args:
         settings: Of the mode.
         sight: Tells which points scans saw through.
+        graph: The graph, which grows.
+        submaps: All submaps, which become more.
+        target_of: Makes some of them ready, by number.
     """
 
-    def __init__(self, settings: PoseGraphConfig, sight: Sight) -> None:
+    def __init__(
+        self,
+        settings: PoseGraphConfig,
+        sight: Sight,
+        graph: PoseGraph,
+        submaps: list[Submap],
+        target_of: TargetOf,
+    ) -> None:
         self._settings = settings
         self._sight = sight
+        self._graph = graph
+        self._submaps = submaps
+        self._target_of = target_of
         self._last_sought = 0.0  # distance driven [m]
         self.found: list[Match] = []
         """The latest matches, accepted or not."""
@@ -87,35 +95,33 @@ class LoopCloser:
         self.rejected = 0
         """Matches that were not accepted."""
 
-    def is_due(self, graph: PoseGraph) -> bool:
+    def is_due(self) -> bool:
         """Return True if the robot has moved far enough since a loop was last sought."""
-        if graph.optimised == 0 or graph.driven[-1] - self._last_sought < LOOP_METRES:
+        driven = float(self._graph.driven[-1])
+        if self._graph.optimised == 0 or driven - self._last_sought < LOOP_METRES:
             return False
-        self._last_sought = float(graph.driven[-1])
+        self._last_sought = driven
         return True
 
-    def close(
-        self, graph: PoseGraph, submaps: list[Submap], target_of: TargetOf, ranges: Float32Array
-    ) -> Match | None:
+    def close(self, ranges: Float32Array) -> Match | None:
         """Search the newest surfaces in old submaps.
 
         Args:
-            graph: The graph.
-            submaps: All submaps.
-            target_of: Makes some of them ready, by number.
             ranges: (N, num_beams) of all scans [m].
 
         Returns:
             The first match that is accepted; None if none is.
         """
-        points, sides = _newest_surfaces(graph, submaps[-1])
-        if len(points) < FEW_SURFACES:
+        poses = self._graph.poses
+        newest = self._submaps[-1]
+        seen = newest.lines().placed(seen_from(poses[-1], poses[newest.first]))
+        if len(seen.points) < FEW_SURFACES:
             return None
-        for number in self._places(graph, submaps):
-            closure = self._find(graph, submaps, number, target_of, ranges, points, sides)
+        for number in self._places():
+            closure = self._find(number, ranges, seen)
             if closure is None:
                 continue
-            is_accepted = self._is_accepted(graph, closure)
+            is_accepted = self._is_accepted(closure)
             self.found = [*self.found[1 - MOST_REMEMBERED :], closure]
             if is_accepted:
                 self.closed += 1
@@ -123,99 +129,74 @@ class LoopCloser:
             self.rejected += 1
         return None
 
-    def _find(
-        self,
-        graph: PoseGraph,
-        submaps: list[Submap],
-        number: int,
-        target_of: TargetOf,
-        ranges: Float32Array,
-        points: FloatArray,
-        sides: FloatArray,
-    ) -> Match | None:
-        """Search surfaces (n, 2) round an old submap; None if they fit nowhere, or in two places alike."""
+    def _find(self, number: int, ranges: Float32Array, seen: OrientedPoints) -> Match | None:
+        """Search surfaces round an old submap; None if they fit nowhere, or in two places alike."""
+        graph = self._graph
+        submaps = self._submaps
         here = graph.poses[-1]
         old = submaps[number].first
-        window, turn = _loop_window(graph.relative_covariance(old))
+        deviations = LOOP_DEVIATIONS * pose_spreads(graph.relative_covariance(old))
+        window = np.minimum(deviations + WINDOW_FLOOR, LARGEST_LOOP_WINDOW)
         first = max(0, number - CONTEXT)
         end = min(number + CONTEXT + 1, len(submaps) - 1)
         around = [other for other in range(first, end) if not graph.is_tied(submaps[other].first)]
-        reach = float(np.hypot(points[:, 0], points[:, 1]).max())
-        space = SearchWindow(target_of(around), here, window, turn, reach)
+        space = SearchWindow(self._target_of(around), here, window, seen.reach)
         least = CLOSURE_FIT - SCORE_SHORTFALL
-        start, score = space.search(points, sides, least)
+        start, score = space.search(seen, least)
         if score <= least:
             return None
         nearest = sorted(around, key=lambda other: abs(other - number))
-        shares = [target_of([other]).hit_shares(points, sides, start, 1)[0] for other in nearest]
-        ranking = np.argsort(-np.array(shares), kind="stable")
-        best = [nearest[index] for index in ranking[:MOST_SUBMAPS]]
-        unknown = np.zeros((3, 3))
-        placed = target_of(best).align(points, sides, start, start, unknown)
+        nearest.sort(key=lambda other: -self._target_of([other]).hit_shares(seen, start)[0])
+        best = nearest[:MOST_SUBMAPS]
+        placed = self._target_of(best).align_freely(seen, start)
         fits = float(placed.fits.sum())
-        strange = points[placed.fits < SEEN_FIT]
-        chosen = [submaps[other] for other in best]
-        clashes = self._most_clashes(strange, placed.pose, chosen, graph, ranges)
+        strange = seen.points[placed.fits < SEEN_FIT]
+        clashes = self._most_clashes(strange, placed.pose, best, ranges)
         if fits < CLOSURE_FIT * max(FEW_SURFACES, fits + clashes):
             return None
         dx, dy, _ = start - here
         if math.hypot(dx, dy) > AMBIGUOUS_METRES:
             nearly = score - AMBIGUOUS_SCORE
-            _, other_score = space.search(points, sides, nearly, start)
+            _, other_score = space.search(seen, nearly, start)
             if other_score > nearly:
                 return None
-        sums = placed.equations.sums.sum(axis=0) / len(best)
+        sums = placed.sums / len(best)
         return match_with(graph.poses, old, len(graph) - 1, placed.pose, sums, 1)
 
     def _most_clashes(
-        self,
-        strange: FloatArray,
-        pose: FloatArray,
-        chosen: list[Submap],
-        graph: PoseGraph,
-        ranges: Float32Array,
+        self, strange: FloatArray, pose: FloatArray, numbers: list[int], ranges: Float32Array
     ) -> int:
         """The most points (n, 2), given in the frame of a pose (3,), through which one scan of some submaps saw."""
+        chosen = [self._submaps[number] for number in numbers]
         nodes = [one.first + number for one in chosen for number in range(len(one.poses))]
-        clashes = (
-            self._sight.count(strange, pose, graph.poses[node], ranges[node]) for node in nodes
-        )
+        poses = self._graph.poses
+        clashes = (self._sight.count(strange, pose, poses[node], ranges[node]) for node in nodes)
         return max(clashes, default=0)
 
-    def _is_accepted(self, graph: PoseGraph, closure: Match) -> bool:
+    def _is_accepted(self, closure: Match) -> bool:
         """True if a closure is as the path lets expect, or less so and another one says the same."""
-        surprise = _surprise(graph, closure)
+        surprise = _surprise(self._graph, closure)
         if surprise < USUAL_CHI2:
             return True
-        is_seconded = any(agree(graph, closure, other) for other in self.found)
+        is_seconded = any(agree(self._graph, closure, other) for other in self.found)
         return is_seconded and surprise < EXPECTED_CHI2
 
-    def _places(self, graph: PoseGraph, submaps: list[Submap]) -> list[int]:
+    def _places(self) -> list[int]:
         """Submaps that may be seen again and whose place isn't known to within what an alignment finds."""
-        firsts = np.array([submap.first for submap in submaps])
+        graph = self._graph
+        firsts = np.array([submap.first for submap in self._submaps])
         since = graph.driven[-1] - graph.driven[firsts]
         old = firsts[since > self._settings.loop_length]
         dx, dy, _ = (graph.poses[old] - graph.poses[-1]).T
         away = np.hypot(dx, dy)
-        count = np.count_nonzero(away <= LOOP_RADIUS)
-        nearest = np.argsort(away, kind="stable")[:count]
         places: list[int] = []
-        for number in nearest.tolist():
-            if len(places) == MOST_LOOP_PLACES:
+        for number in np.argsort(away, kind="stable").tolist():
+            if away[number] > LOOP_RADIUS or len(places) == MOST_LOOP_PLACES:
                 break
-            submap = submaps[number]
             is_apart = all(abs(number - other) >= SEPARATION for other in places)
-            if is_apart and not graph.is_tied(submap.first):
+            if is_apart and not graph.is_tied(int(firsts[number])):
                 places.append(number)
         return places
-
-
-def _loop_window(covariance: FloatArray) -> tuple[float, float]:
-    """Window of a search [m], [rad] for a pose with such a covariance (3, 3)."""
-    spread, spread_turn = pose_spreads(covariance)
-    window = LOOP_DEVIATIONS * spread + WINDOW_FLOOR[0]
-    turn = LOOP_DEVIATIONS * spread_turn + WINDOW_FLOOR[1]
-    return min(window, LARGEST_LOOP_WINDOW[0]), min(turn, LARGEST_LOOP_WINDOW[1])
 
 
 def _surprise(graph: PoseGraph, closure: Match) -> float:
@@ -253,12 +234,3 @@ def _floor() -> FloatArray:
     """Covariance (3, 3) of what is known exactly: that of a search's smallest window."""
     metres, radians = WINDOW_FLOOR
     return np.diag(np.square([metres, metres, radians]))
-
-
-def _newest_surfaces(graph: PoseGraph, submap: Submap) -> tuple[FloatArray, FloatArray]:
-    """Surfaces (n, 2) of the newest submap in the robot frame, and their sides (n, 3)."""
-    frame = Pose2D(*seen_from(graph.poses[-1], graph.poses[submap.first]).tolist())
-    means, sides = submap.lines()
-    points = transform_points(frame, means)
-    turned = transform_points(Pose2D(0.0, 0.0, frame.theta), sides[:, :2])
-    return points, np.column_stack([turned, sides[:, 2]])

@@ -13,12 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slamgym.core.geometry import compose
 from slamgym.core.jit import kernel
-from slamgym.core.types import BoolArray, Float32Array, FloatArray, LaserGeometry, Pose2D
+from slamgym.core.types import BoolArray, Float32Array, FloatArray, LaserGeometry
 from slamgym.metrics.trajectory import relative_poses
 from slamgym.slam.end_points import beam_at
 from slamgym.slam.graph.pose_graph import PoseGraph
+from slamgym.slam.graph.relative import moved_by
 from slamgym.slam.graph.submaps import SUBMAP_CELL, Submap
 
 SIGHT = 8.0
@@ -84,20 +84,17 @@ class Consistency:
         last = own.first + len(own.poses) - 1
         spread = np.linspace(own.first, last, JUDGED_SCANS + 2)[1:-1]
         nodes = np.unique(spread.astype(np.int64)).tolist()
-        poses = [Pose2D(*graph.poses[node].tolist()) for node in nodes]
-        lasers = np.array([compose(pose, self._geometry.mount) for pose in poses])
+        mount = np.array(self._geometry.mount)
+        lasers = np.array([moved_by(graph.poses[node], mount) for node in nodes])
         scans = ranges[nodes]
         for submap, places in near_submaps(submaps[:number], graph, lasers):
-            means, sides = submap.lines()
-            look_through(
-                means,
-                sides,
+            counts += look_through(
+                *submap.lines(),
                 places,
                 scans,
                 self._geometry.angle_min,
                 self._geometry.angle_increment,
                 self._geometry.range_max,
-                counts,
             )
         firsts = np.array([submap.first for submap in submaps[: number + 1]])
         since = graph.driven[own.first] - graph.driven[firsts]
@@ -169,8 +166,7 @@ def look_through(
     angle_min: float,
     step: float,
     longest: float,
-    counts: FloatArray,
-) -> None:
+) -> tuple[int, int]:
     """Count the surfaces that scans pass, and those that they end at.
 
     Args:
@@ -181,8 +177,8 @@ def look_through(
         angle_min: Direction of the first beam [rad].
         step: Angle from each beam to the next [rad].
         longest: A beam that is no shorter met nothing [m].
-        counts: (2,) what is counted is added to it.
     """
+    passed = met = 0
     for number in range(len(lasers)):
         laser = lasers[number]
         scan = ranges[number]
@@ -202,6 +198,7 @@ def look_through(
             if not (near > 0.0 and far < longest):
                 continue
             if near > distance + BEHIND / cosine:
-                counts[0] += 1.0
+                passed += 1
             elif far > distance - SUBMAP_CELL / cosine:
-                counts[1] += 1.0
+                met += 1
+    return passed, met

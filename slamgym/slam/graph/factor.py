@@ -57,17 +57,9 @@ class BlockLayout(NamedTuple):
         """Factorise the matrix whose entries are the sums of blocks (blocks, 3, 3)."""
         entries = np.zeros((len(self.rows), 3, 3))
         add_blocks(entries, self.slots, self.is_turned, blocks)
-        size = len(self.places)
-        parents = np.empty(size, dtype=np.int64)
-        counts = np.empty(size, dtype=np.int64)
-        find_pattern(self.starts, self.rows, parents, counts)
-        starts = np.concatenate([[0], np.cumsum(counts)])
-        nonzeros = starts[-1]
-        rows = np.empty(nonzeros, dtype=np.int64)
-        lower = np.empty((nonzeros, 3, 3))
-        inverse = np.empty((size, 3, 3))
-        fill_factor(self.starts, self.rows, entries, parents, starts, rows, lower, inverse)
-        return Factor(self.places, starts, rows, lower, inverse)
+        parents, starts = find_pattern(self.starts, self.rows)
+        filled = fill_factor(self.starts, self.rows, entries, parents, starts)
+        return Factor(self.places, starts, *filled)
 
 
 def make_layout(places: IntArray, first: IntArray, second: IntArray) -> BlockLayout:
@@ -145,28 +137,31 @@ def add_blocks(
 
 
 @kernel
-def find_pattern(starts: IntArray, rows: IntArray, parents: IntArray, counts: IntArray) -> None:
+def find_pattern(starts: IntArray, rows: IntArray) -> tuple[IntArray, IntArray]:
     """Find the elimination tree and the entries below the diagonal in each column of L.
 
     Args:
         starts: (M + 1,) begin of each column of the upper triangle.
         rows: (nonzeros,)
-        parents: (M,) receives the parent of each column, -1 for none.
-        counts: (M,) receives the number of its entries.
+
+    Returns:
+        The parent of each column, -1 for none, (M,), and the begin of each column of L, (M + 1,).
     """
-    flags = np.empty(len(parents), dtype=np.int64)
-    for col in range(len(parents)):
-        parents[col] = -1
+    size = len(starts) - 1
+    parents = np.full(size, -1)
+    flags = np.full(size, -1)
+    ends = np.zeros(size + 1, dtype=np.int64)
+    for col in range(size):
         flags[col] = col
-        counts[col] = 0
         for entry in range(starts[col], starts[col + 1]):
             row = rows[entry]
             while row < col and flags[row] != col:
                 if parents[row] == -1:
                     parents[row] = col
-                counts[row] += 1
+                ends[row + 1] += 1
                 flags[row] = col
                 row = parents[row]
+    return parents, np.cumsum(ends)
 
 
 @kernel
@@ -191,15 +186,8 @@ def subtract_product(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
 
 @kernel
 def fill_factor(
-    starts: IntArray,
-    rows: IntArray,
-    entries: FloatArray,
-    parents: IntArray,
-    lower_starts: IntArray,
-    lower_rows: IntArray,
-    lower: FloatArray,
-    inverse: FloatArray,
-) -> None:
+    starts: IntArray, rows: IntArray, entries: FloatArray, parents: IntArray, lower_starts: IntArray
+) -> tuple[IntArray, FloatArray, FloatArray]:
     """Factorise a symmetric positive matrix of 3 x 3 blocks.
 
     Args:
@@ -207,12 +195,16 @@ def fill_factor(
         rows: (nonzeros,)
         entries: (nonzeros, 3, 3)
         parents: From :func:`find_pattern`.
-        lower_starts: (M + 1,) begin of each column of L.
-        lower_rows: (nonzeros of L,) receives the rows.
-        lower: (nonzeros of L, 3, 3) receives the entries.
-        inverse: (M, 3, 3) receives the inverse blocks of D.
+        lower_starts: The same.
+
+    Returns:
+        Rows and entries of L, and the inverse blocks of D, as :class:`Factor` has them.
     """
     size = len(parents)
+    nonzeros = lower_starts[-1]
+    lower_rows = np.empty(nonzeros, dtype=np.int64)
+    lower = np.zeros((nonzeros, 3, 3))
+    inverse = np.empty((size, 3, 3))
     work = np.zeros((size, 3, 3))
     path = np.empty(size, dtype=np.int64)
     flags = np.full(size, -1)
@@ -244,12 +236,12 @@ def fill_factor(
             for entry in range(lower_starts[row], end):
                 target = work[lower_rows[entry]]
                 subtract_product(lower[entry], column, target)
-            lower[end] = 0.0
             add_product(column, inverse[row], lower[end])
             subtract_product(lower[end], column, pivot)
             lower_rows[end] = col
             filled[row] += 1
         inverse[col] = inverted(pivot)
+    return lower_rows, lower, inverse
 
 
 @kernel

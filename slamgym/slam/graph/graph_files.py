@@ -40,8 +40,8 @@ def write_graph(folder: Path, graph: MapGraph) -> None:
     drives = []
     arrays: dict[str, Any] = {"submaps": graph.submaps, "widths": graph.edges.width}
     for number, drive in enumerate(graph.drives):
-        laser = [*drive.geometry[:5], list(drive.geometry.mount), drive.geometry.time_increment]
-        drives.append({"first": drive.first, "laser": laser, "config": to_dict(drive.config)})
+        config = to_dict(drive.config)
+        drives.append({"first": drive.first, "laser": drive.geometry, "config": config})
         arrays[f"stamps_{number}"] = drive.stamps
         arrays[f"ranges_{number}"] = drive.ranges
     arrays["head"] = np.array(json.dumps({"version": VERSION, "drives": drives}))
@@ -134,16 +134,10 @@ def _is_whole(
 
 
 def _drive(entry: Any, number: int, held: Any) -> DriveScans:
-    beams, first, step, nearest, farthest, mount, each = entry["laser"]
-    geometry = LaserGeometry(
-        num_beams=int(beams),
-        angle_min=float(first),
-        angle_increment=float(step),
-        range_min=float(nearest),
-        range_max=float(farthest),
-        mount=Pose2D(*map(float, mount)),
-        time_increment=float(each),
-    )
+    beams, *numbers, mount, each = entry["laser"]
+    first, step, nearest, farthest = map(float, numbers)
+    place = Pose2D(*map(float, mount))
+    geometry = LaserGeometry(int(beams), first, step, nearest, farthest, place, float(each))
     return DriveScans(
         first=int(entry["first"]),
         stamps=held[f"stamps_{number}"].astype(np.float64),

@@ -1,11 +1,18 @@
 """What a mapper leaves behind: its graph and its scans, from which a map can be optimised and drawn again."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from slamgym.core.types import Float32Array, FloatArray, IntArray, LaserGeometry, OccupancyGrid
+from slamgym.core.types import (
+    BoolArray,
+    Float32Array,
+    FloatArray,
+    IntArray,
+    LaserGeometry,
+    OccupancyGrid,
+)
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.graph.solver import Edges
 from slamgym.slam.hit_count_kernels import BeamTable
@@ -34,6 +41,10 @@ class DriveScans(NamedTuple):
     def nodes(self) -> slice:
         """Their nodes."""
         return slice(self.first, self.first + len(self.stamps))
+
+    def owns(self, nodes: IntArray) -> BoolArray:
+        """Which of some nodes (n,) are theirs."""
+        return (nodes >= self.nodes.start) & (nodes < self.nodes.stop)
 
     @property
     def beams(self) -> BeamTable:
@@ -68,7 +79,7 @@ class MapGraph:
 
     def moved(self, poses: FloatArray) -> "MapGraph":
         """The same with its nodes at other poses (N, 3)."""
-        return MapGraph(poses, self.edges, self.submaps, self.drives)
+        return replace(self, poses=poses)
 
 
 def joined_graph(first: MapGraph, second: MapGraph) -> MapGraph:
@@ -76,11 +87,10 @@ def joined_graph(first: MapGraph, second: MapGraph) -> MapGraph:
     count = len(first.poses)
     theirs = second.edges
     shifted = theirs._replace(first=theirs.first + count, second=theirs.second + count)
-    edges = [np.concatenate(pair) for pair in zip(first.edges, shifted, strict=True)]
     drives = [drive._replace(first=drive.first + count) for drive in second.drives]
     return MapGraph(
         poses=np.concatenate([first.poses, second.poses]),
-        edges=Edges(*edges),
+        edges=first.edges.joined(shifted),
         submaps=np.concatenate([first.submaps, second.submaps + count]),
         drives=(*first.drives, *drives),
     )

@@ -13,30 +13,26 @@ from typing import Any
 
 import numpy as np
 
-from slamgym.core.geometry import compose
-from slamgym.core.jit import plain
 from slamgym.core.types import FloatArray, LaserGeometry, LaserScan, Pose2D, Trajectory
 from slamgym.metrics.trajectory import relative_poses
 from slamgym.slam.columns import Columns
 from slamgym.slam.config import SlamConfig
-from slamgym.slam.end_points import usable_end_points
-from slamgym.slam.graph.alignment import MOST_SUBMAPS, Alignment, AlignmentTarget
+from slamgym.slam.graph.alignment import (
+    MOST_SUBMAPS,
+    AlignmentTarget,
+    matches_of,
+    nearest_within,
+    overlapping,
+)
 from slamgym.slam.graph.closures import LoopCloser
 from slamgym.slam.graph.compass import Compass
 from slamgym.slam.graph.consistency import Consistency
 from slamgym.slam.graph.map_graph import DriveScans, MapGraph, drawn_poses
 from slamgym.slam.graph.pose_graph import PoseGraph
 from slamgym.slam.graph.recovery import POOR_FIT, Recovery
-from slamgym.slam.graph.relative import (
-    Match,
-    match_with,
-    moved_by,
-    placed_points,
-    seen_from,
-    turned_matrix,
-)
+from slamgym.slam.graph.relative import moved_by, placed_points, seen_from, turned_matrix
 from slamgym.slam.graph.sight import ScanView, Sight
-from slamgym.slam.graph.submaps import Submap, sides_of
+from slamgym.slam.graph.submaps import OrientedPoints, Submap, oriented_scan
 from slamgym.slam.graph.wheels import WheelStep
 from slamgym.slam.laser_changes import seen_after
 from slamgym.slam.laser_check import median_change
@@ -61,12 +57,8 @@ CARRIED_METRES = 0.6
 """Half of the readings of such a scan differ so much [m]: by 0.07 and less in four right drives of the zoo, and by 0.6
 and more where a robot with a view all round was carried through a home. Of six public logs FHW has such scans, after
 two pauses and in a crowd."""
-OVERLAP_SHARE = 0.3
-"""A scan is matched with an old submap if more than this share of its points is near the submap's surfaces."""
 OVERLAP_STRIDE = 4
 """Every so many points of a scan are looked at to find its overlap with a submap."""
-MOST_TRIED = 8
-"""So many old submaps, the nearest ones, are looked at for overlap with a scan."""
 OPTIMISE_INTERVAL = 10
 """The graph is optimised after so many nodes at the earliest."""
 OPTIMISE_SHARE = 0.005
@@ -91,9 +83,7 @@ class PoseGraphMapper(Mapper):
         initial_pose: Pose2D,
         rng: np.random.Generator,
     ) -> None:
-        del rng  # nothing is random here
-        super().__init__(config, geometry)
-        self._start = np.array(initial_pose, dtype=np.float64)
+        super().__init__(config, geometry, initial_pose, rng)
         beams = geometry.num_beams
         self._scans = Columns(
             {"counts": np.int64, "ranges": np.float32},
@@ -111,7 +101,7 @@ class PoseGraphMapper(Mapper):
         self._submap_bytes = 0  # of the closed ones
         self._graph = PoseGraph()
         sight = Sight(geometry, self._beams.usable)
-        self._loops = LoopCloser(config.pose_graph, sight)
+        self._loops = LoopCloser(config.pose_graph, sight, self._graph, self._submaps, self._target)
         self._compass = Compass()
         self._consistency = Consistency(geometry)
         self._drawn_poses = np.zeros((0, 3))
@@ -120,14 +110,6 @@ class PoseGraphMapper(Mapper):
         self._recovery = Recovery(sight)
 
     # --- what others ask ---
-
-    @property
-    def pose(self) -> Pose2D:
-        """The newest node's pose, moved on by the odometry since."""
-        newest = self._start
-        if len(self._graph):
-            newest = self._graph.poses[-1]
-        return compose(Pose2D(*newest.tolist()), self._gate.since_processed)
 
     @property
     def covariance(self) -> FloatArray:
@@ -175,6 +157,7 @@ class PoseGraphMapper(Mapper):
         begin = time.process_time()
         if len(self._graph) > 1:
             self._optimise(STEPS_AT_THE_END)
+            self._last_pose = Pose2D(*self._graph.poses[-1].tolist())
             self._judge(range(len(self._submaps)))
         self._grid = None
         self._stats.cpu_seconds += time.process_time() - begin
@@ -184,15 +167,13 @@ class PoseGraphMapper(Mapper):
     def _process(self, scan: LaserScan) -> None:
         increments = self._gate.take(scan.stamp)
         step = self._graph.wheels.step(increments)
-        points = usable_end_points(scan.ranges, plain(self._beams), MATCH_RANGE)
-        sides = sides_of(points, np.array(self._beams.mount[:2]))
-        view = ScanView(points, sides, scan.ranges)
+        view = ScanView(oriented_scan(scan.ranges, self._beams, MATCH_RANGE), scan.ranges)
         fit = 1.0
         if len(self._graph) == 0:
             self._submaps.append(Submap(0, self._reach))
             nothing = np.zeros((3, 3))
-            self._graph.append(self._start, step, nothing, nothing)
-        elif len(points) < LEAST_POINTS:
+            self._graph.append(np.array(self._last_pose), step, nothing, nothing)
+        elif len(view.seen.points) < LEAST_POINTS:
             known = self._information(step)
             self._graph.append(self._predicted(step), step, known, np.zeros((3, 3)))
         else:
@@ -202,11 +183,12 @@ class PoseGraphMapper(Mapper):
         self._remember(scan.stamp, step, view, fit)
         self._last_scan = scan
         self._last_view = view
-        if self._loops.is_due(self._graph):
+        if self._loops.is_due():
             self._close_loop()
         interval = max(OPTIMISE_INTERVAL, OPTIMISE_SHARE * len(self._graph))
         if len(self._graph) - self._graph.optimised >= interval:
             self._optimise(STEPS_AFTER_NODES)
+        self._last_pose = Pose2D(*self._graph.poses[-1].tolist())
 
     def _is_carried(self, scan: LaserScan) -> bool:
         """True if the view is neither that of the scan before nor what it lets expect at the place that was found."""
@@ -235,23 +217,27 @@ class PoseGraphMapper(Mapper):
             Share of its points that fit what was seen before; 1 if it has few.
         """
         graph = self._graph
-        points, sides, _ = scan
+        seen = scan.seen
         predicted = self._predicted(step)
         known = self._information(step)
         count = len(self._submaps)
         older = max(0, count - 2)  # than the newest two
         newest = list(range(older, count))
         most = MOST_SUBMAPS - len(newest)
-        numbers = newest + self._overlapping(predicted, points, sides, older, most)
+        taken = seen.every(OVERLAP_STRIDE)
+        middle = moved_by(predicted, np.array([*seen.points.mean(axis=0), 0.0]))
+        near = self._near(middle, older)
+        numbers = newest + overlapping(self._target, near, taken, predicted)[:most]
         target = self._target(numbers)
-        placed = target.align(points, sides, predicted, predicted, known)
-        if len(points) >= FEW_POINTS:
+        placed = target.align(seen, predicted, predicted, known)
+        if len(seen.points) >= FEW_POINTS:
             last = graph.poses[-1]
             before = self._last_view
             assert before is not None
             placed = self._recovery.check(target, scan, predicted, known, placed, before, last)
             self._stats.recovered_matches = self._recovery.recovered
-        matches = self._matches(len(graph), numbers, placed)
+        firsts = [self._submaps[number].first for number in numbers]
+        matches = matches_of(placed, graph.poses, firsts, len(graph))
         bound = np.zeros((3, 3))
         # A scan that fits poorly lies where the wheels say, and shows nothing of their errors.
         for match in matches if placed.fit >= POOR_FIT else ():
@@ -261,38 +247,15 @@ class PoseGraphMapper(Mapper):
         first_sure = self._submaps[older].first
         for match in matches:
             graph.tie(match, is_sure=match.old >= first_sure)
-        return placed.fit if len(points) >= FEW_POINTS else 1.0
-
-    def _overlapping(
-        self, pose: FloatArray, points: FloatArray, sides: FloatArray, count: int, most: int
-    ) -> list[int]:
-        """Those of the first ``count`` submaps whose surfaces a scan at a pose sees, the best first."""
-        middle = moved_by(pose, np.array([*points.mean(axis=0), 0.0]))
-        near = self._near(middle, count)
-        found: list[tuple[float, int]] = []
-        for begin in range(0, len(near), MOST_SUBMAPS):
-            numbers = near[begin : begin + MOST_SUBMAPS]
-            shares = self._target(numbers).hit_shares(points, sides, pose, OVERLAP_STRIDE)
-            for share, number in zip(shares.tolist(), numbers, strict=True):
-                if share > OVERLAP_SHARE:
-                    found.append((-share, number))
-        found.sort()
-        return [number for _, number in found[:most]]
+        return placed.fit if len(seen.points) >= FEW_POINTS else 1.0
 
     def _near(self, place: FloatArray, count: int) -> list[int]:
         """Those of the first ``count`` submaps that are in reach of a place and tied to the newest node."""
         firsts = self._closed["first"][:count]
         centres = self._closed["centre"][:count]
-        x, y = placed_points(self._graph.poses[firsts], centres)
-        away = np.hypot(x - place[0], y - place[1])
-        nearest = np.argsort(away, kind="stable")[:MOST_TRIED]
-        is_in_reach = away[nearest] < self._reach
-        near = []
-        for number in nearest[is_in_reach].tolist():
-            first = int(firsts[number])
-            if self._graph.is_tied(first):
-                near.append(number)
-        return near
+        middles = np.column_stack(placed_points(self._graph.poses[firsts], centres))
+        near = nearest_within(middles, place, self._reach)
+        return [number for number in near if self._graph.is_tied(int(firsts[number]))]
 
     def _target(self, numbers: list[int]) -> AlignmentTarget:
         """Submaps as they are now: drawn again where their scans have moved."""
@@ -319,25 +282,13 @@ class PoseGraphMapper(Mapper):
         sides = self._scans["sides"]
         for node, pose in enumerate(now, first):
             size = counts[node]
-            submap.add(pose, points[node, :size], sides[node, :size])
-
-    def _matches(self, node: int, numbers: list[int], placed: Alignment) -> list[Match]:
-        """What each submap says of a node's place."""
-        poses = self._graph.poses
-        sums, hits = placed.equations
-        matches = []
-        for index, number in enumerate(numbers):
-            if hits[index] >= 2 * LEAST_POINTS:
-                first = self._submaps[number].first
-                match = match_with(poses, first, node, placed.pose, sums[index], len(numbers))
-                matches.append(match)
-        return matches
+            submap.add(pose, OrientedPoints(points[node, :size], sides[node, :size]))
 
     def _remember(self, stamp: float, step: WheelStep, scan: ScanView, fit: float) -> None:
         """Keep the newest node's scan, and draw it into the newest submap."""
-        points, sides, ranges = scan
+        seen, ranges = scan
         node = len(self._graph) - 1
-        count = len(points)
+        count = len(seen.points)
         submap = self._submaps[-1]
         x, y, turn = step.moved
         submap.size += float(np.hypot(x, y)) / SUBMAP_METRES
@@ -349,10 +300,10 @@ class PoseGraphMapper(Mapper):
         if self._stats.is_doubtful:
             self._stats.doubtful.append(stamp)  # until this submap is judged, too
         pose = seen_from(self._graph.poses[submap.first], self._graph.poses[node])
-        submap.add(pose, points, sides)
+        submap.add(pose, seen)
         self._scans.append(stamps=stamp, fits=fit, counts=count, ranges=ranges)
-        self._scans["points"][-1, :count] = points
-        self._scans["sides"][-1, :count] = sides
+        self._scans["points"][-1, :count] = seen.points
+        self._scans["sides"][-1, :count] = seen.sides
 
     def _close_submap(self, submap: Submap) -> None:
         """Finish the newest submap: no more scans are added to it."""
@@ -376,7 +327,7 @@ class PoseGraphMapper(Mapper):
 
     def _close_loop(self) -> None:
         """Seek a loop closure, and correct the path by what was found."""
-        closure = self._loops.close(self._graph, self._submaps, self._target, self._scans["ranges"])
+        closure = self._loops.close(self._scans["ranges"])
         if closure is not None:
             self._graph.tie(closure)
             self._optimise(STEPS_AFTER_CLOSURE, is_closing=True)

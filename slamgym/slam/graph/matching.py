@@ -10,7 +10,7 @@ import numpy as np
 from slamgym.core.types import ByteArray, FloatArray
 from slamgym.slam.branch_and_bound import HIT, maxima, search_blocks, turned_cells
 from slamgym.slam.graph.alignment import FACES, AlignmentTarget
-from slamgym.slam.graph.submaps import SUBMAP_CELL
+from slamgym.slam.graph.submaps import SUBMAP_CELL, OrientedPoints
 
 NEAR_HIT = 120
 """Score of a point in a cell next to an occupied one."""
@@ -47,6 +47,12 @@ def score_levels(cells: ByteArray, count: int) -> ByteArray:
     return maxima(beside.astype(np.uint8), count)
 
 
+def searched_part(seen: OrientedPoints) -> OrientedPoints:
+    """As many of some points as a search takes."""
+    stride = max(1, len(seen.points) // SEARCH_POINTS)
+    return seen.every(stride)
+
+
 def heading_step(points: FloatArray, least: float, most: float) -> float:
     """Step in heading that turns the far ones of points (n, 2) by about a cell, within bounds [rad]."""
     distances = np.hypot(points[:, 0], points[:, 1])
@@ -61,55 +67,47 @@ class SearchWindow:
     Args:
         target: Submaps whose surfaces are looked at.
         centre: (3,) middle of the window in the map frame.
-        window: Largest offset in x and in y [m].
-        turn: Largest turn [rad].
+        window: (2,) largest offset in x and in y [m], and largest turn [rad].
         reach: Points lie no further than this from the robot [m].
     """
 
     def __init__(
-        self, target: AlignmentTarget, centre: FloatArray, window: float, turn: float, reach: float
+        self, target: AlignmentTarget, centre: FloatArray, window: FloatArray, reach: float
     ) -> None:
-        cells, self._origin = target.occupied(centre, reach + window + 0.5)
-        self._cells = max(1, math.ceil(window / SUBMAP_CELL))
+        metres, self._turn = window.tolist()
+        cells, self._origin = target.occupied(centre, reach + metres + 0.5)
+        self._cells = max(1, math.ceil(metres / SUBMAP_CELL))
         needed = max(1, math.ceil(math.log2(self._cells + 1))) + 1
         self._levels = score_levels(cells, min(MOST_LEVELS, needed))
         self._face_width = self._levels.shape[2] // FACES
         self._centre = centre
-        self._turn = turn
 
     def search(
-        self,
-        points: FloatArray,
-        sides: FloatArray,
-        least: float,
-        away_from: FloatArray | None = None,
+        self, seen: OrientedPoints, least: float, away_from: FloatArray | None = None
     ) -> tuple[FloatArray, float]:
         """Find the best pose for a scan; only what lies away from a pose (3,) counts.
 
         Args:
-            points: (n, 2) end points in the robot frame [m].
-            sides: (n, 3) their sides in the robot frame.
+            seen: The scan.
             least: Score below which nothing is of interest, 0 to 1.
             away_from: Poses as near as ``ELSEWHERE`` to this one (3,) don't count.
 
         Returns:
             The pose (3,) to the precision of a cell, and its score, ``least`` if no pose is better.
         """
-        stride = max(1, len(points) // SEARCH_POINTS)
-        points = points[::stride]
-        sides = sides[::stride]
+        taken = searched_part(seen)
         # Further points would only be blurred by a finer step.
-        step = heading_step(points, *ANGULAR_STEPS)
+        step = heading_step(taken.points, *ANGULAR_STEPS)
         count = math.ceil(self._turn / step)
         angles = step * np.arange(-count, count + 1, dtype=np.float64)
         headings = self._centre[2] + angles
         origin = self._centre[:2] - self._origin
-        us, vs = turned_cells(points, sides, headings, origin, self._face_width)
+        us, vs = turned_cells(*taken, headings, origin, self._face_width)
         avoided = (0.0, 0.0, 0.0)
         if away_from is not None:
             x, y, _ = ((away_from - self._centre) / SUBMAP_CELL).tolist()
             avoided = (x, y, ELSEWHERE / SUBMAP_CELL)
-        most = HIT * max(len(points), 1)
+        most = HIT * max(len(taken.points), 1)
         every_floor = self._levels[:0]
         last = (self._cells, self._cells)
         least_score = int(least * most)

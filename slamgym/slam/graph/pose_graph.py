@@ -10,7 +10,7 @@ from slamgym.core.types import FloatArray, IntArray
 from slamgym.slam.columns import Columns
 from slamgym.slam.graph.factor import elimination_order, rank_anchors
 from slamgym.slam.graph.relative import Match, relative_covariance, step_covariance, turned_matrix
-from slamgym.slam.graph.solver import Edges, Solution, edge_errors, optimise
+from slamgym.slam.graph.solver import Edges, Solution, approach, edge_errors, optimise
 from slamgym.slam.graph.wheels import SPREADS, WheelCalibration, WheelStep
 
 TIE_LENGTH = 0.1
@@ -36,8 +36,6 @@ UNRANKED_SHARE = 0.2
 square of their number."""
 MOST_UNRANKED = 32
 """The order of elimination is sought again when so many submaps are new, whatever their share."""
-GRADUATION = (1000.0, 100.0, 10.0)
-"""After a closure the width shrinks by these factors: a large true correction isn't taken for a false one."""
 
 
 class PoseGraph:
@@ -156,11 +154,7 @@ class PoseGraph:
         poses = self.poses.copy()
         wheels = self.wheels.systematic
         if is_closing:
-            for factor in GRADUATION:
-                wide = edges._replace(width=edges.width * factor)
-                rough = optimise(poses, wheels, wide, places, prior, 4, 1e-3)
-                poses = rough.poses
-                wheels = rough.wheels
+            poses, wheels = approach(poses, wheels, edges, places, prior)
         solution = optimise(poses, wheels, edges, places, prior, iterations)
         self._nodes["poses"][:] = solution.poses
         self.optimisations += 1
@@ -246,16 +240,23 @@ class PoseGraph:
         variances = self.wheels.variances(nodes["slips"][1:])
         information = np.zeros((len(steps), 3, 3))
         information[:, axes, axes] = 1.0 / variances[:, [0, 0, 1]]
-        no_design = np.zeros((len(matches), 3, len(SPREADS)))
-        width = np.full(len(steps), ODOMETRY_WIDTH)
-        return Edges(
-            first=np.concatenate([steps, matches["old"]]),
-            second=np.concatenate([steps + 1, matches["new"]]),
-            measured=np.concatenate([nodes["moved"][1:], matches["measured"]]),
-            information=np.concatenate([information, matches["information"]]),
-            design=np.concatenate([nodes["design"][1:], no_design]),
-            width=np.concatenate([width, matches["width"]]),
+        by_wheels = Edges(
+            first=steps,
+            second=steps + 1,
+            measured=nodes["moved"][1:],
+            information=information,
+            design=nodes["design"][1:],
+            width=np.full(len(steps), ODOMETRY_WIDTH),
         )
+        by_laser = Edges(
+            first=matches["old"],
+            second=matches["new"],
+            measured=matches["measured"],
+            information=matches["information"],
+            design=np.zeros((len(matches), 3, len(SPREADS))),
+            width=matches["width"],
+        )
+        return by_wheels.joined(by_laser)
 
 
 def drift_covariance(distance: float) -> FloatArray:

@@ -10,13 +10,13 @@ with that rule, 3.1, 4.3 and 1.6 m without.
 
 import numpy as np
 
-from slamgym.core.geometry import wrap_angle
 from slamgym.core.portable import inverted
 from slamgym.core.types import FloatArray
 from slamgym.slam.graph.alignment import ALIGN_WIDTH, POINT_SHARE, Alignment, AlignmentTarget
 from slamgym.slam.graph.matching import SearchWindow
-from slamgym.slam.graph.relative import chi_squared, pose_spreads
+from slamgym.slam.graph.relative import chi_squared, is_within, pose_spreads
 from slamgym.slam.graph.sight import ScanView, Sight
+from slamgym.slam.graph.submaps import OrientedPoints
 
 GOOD_FIT = 0.8
 """An alignment of a smaller share of fitting points is compared with a search where the odometry may err."""
@@ -86,17 +86,17 @@ class Recovery:
         """
         if placed.fit >= GOOD_FIT:
             self._suspicion = 0.0
-        points, sides, _ = scan
-        narrow = _narrow_window(inverted(known))
+        deviations = WINDOW_DEVIATIONS * pose_spreads(inverted(known))
+        narrow = np.clip(deviations, LEAST_WINDOW, LARGEST_WINDOW)
         for centre, is_wide in ((predicted, False), (predicted, True), (last, True)):
             if placed.fit >= (POOR_FIT if is_wide else GOOD_FIT):
                 break
-            window = LARGEST_WINDOW if is_wide else narrow
-            start = _search(target, points, sides, centre, window)
+            window = np.array(LARGEST_WINDOW) if is_wide else narrow
+            start = _search(target, scan.seen, centre, window)
             if start is None:
                 continue
-            other = target.align(points, sides, start, predicted, 0.0 * known)
-            better = (other.fit - placed.fit) * len(points)
+            other = target.align_freely(scan.seen, start)
+            better = (other.fit - placed.fit) * len(scan.seen.points)
             explained = better
             if is_wide:
                 explained = self._sight.clashes(scan, placed, before, last)
@@ -108,39 +108,18 @@ class Recovery:
             if not is_wide:
                 needed = max(LIE_NATS, SUSPICION_NATS - self._suspicion)
             needed = min(0.5 * chi_squared(other.pose, predicted, known), needed)
-            if gain > needed and _lies_within(other.pose, centre, window):
+            if gain > needed and is_within(other.pose, centre, window + LEAST_WINDOW):
                 placed = other
                 self.recovered += 1
         return placed
 
 
-def _narrow_window(covariance: FloatArray) -> tuple[float, float]:
-    """Window of a search [m], [rad] about a pose of such a covariance (3, 3)."""
-    spread, spread_turn = pose_spreads(covariance)
-    window = max(WINDOW_DEVIATIONS * spread, LEAST_WINDOW[0])
-    turn = max(WINDOW_DEVIATIONS * spread_turn, LEAST_WINDOW[1])
-    return min(window, LARGEST_WINDOW[0]), min(turn, LARGEST_WINDOW[1])
-
-
 def _search(
-    target: AlignmentTarget,
-    points: FloatArray,
-    sides: FloatArray,
-    centre: FloatArray,
-    window: tuple[float, float],
+    target: AlignmentTarget, seen: OrientedPoints, centre: FloatArray, window: FloatArray
 ) -> FloatArray | None:
-    """Search a window [m], [rad] about a pose for a place to align a scan from; None if there is none."""
-    if window == LEAST_WINDOW:
+    """Search a window (2,) [m], [rad] about a pose for a place to align a scan from; None if there is none."""
+    if (window == LEAST_WINDOW).all():
         return centre
-    reach = float(np.hypot(points[:, 0], points[:, 1]).max())
-    place, score = SearchWindow(target, centre, *window, reach).search(points, sides, LEAST_SCORE)
+    space = SearchWindow(target, centre, window, seen.reach)
+    place, score = space.search(seen, LEAST_SCORE)
     return place if score > LEAST_SCORE else None
-
-
-def _lies_within(pose: FloatArray, centre: FloatArray, window: tuple[float, float]) -> bool:
-    """True if a pose lies in a window [m], [rad] about another, or less than the smallest window beside it."""
-    x, y, turn = np.abs(pose - centre)
-    return bool(
-        max(x, y) <= window[0] + LEAST_WINDOW[0]
-        and abs(wrap_angle(turn)) <= window[1] + LEAST_WINDOW[1]
-    )

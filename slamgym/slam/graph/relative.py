@@ -1,14 +1,15 @@
 """Poses (3,), x, y, theta [m, m, rad], seen from others, and what is measured between two nodes."""
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from slamgym.core.geometry import wrap_angle
+from slamgym.core.geometry import between, compose, wrap_angle
 from slamgym.core.jit import kernel
 from slamgym.core.portable import inverted, multiply
-from slamgym.core.types import FloatArray
+from slamgym.core.types import FloatArray, Pose2D
 
 MATCH_FLOOR = (0.01, 0.01, 0.003)
 """Standard deviations of a match that its points don't show [m], [m], [rad]: errors of the map it was matched with."""
@@ -40,13 +41,15 @@ def match_with(
         sums: (4, 4) what the submap binds there; see :class:`slamgym.slam.graph.alignment.NormalEquations`.
         count: Submaps that the scan was aligned with: their errors are one scan's.
     """
-    shift, information = weigh_match(sums, float(poses[old, 2]), count)
+    shift, information = weigh_match(sums, float(poses[old, 2]), count, WEAK)
     return Match(old, node, seen_from(poses[old], pose - shift), information)
 
 
 @kernel
-def weigh_match(sums: FloatArray, heading: float, count: int) -> tuple[FloatArray, FloatArray]:
-    """Weigh what a submap binds (4, 4); see :func:`match_with`.
+def weigh_match(
+    sums: FloatArray, heading: float, count: int, weak: float
+) -> tuple[FloatArray, FloatArray]:
+    """Weigh what a submap binds (4, 4); see :func:`match_with`. Of a direction with information ``weak`` half counts.
 
     Returns:
         The motion (3,) from where the submap alone would have put the scan to where all together have, in the map
@@ -60,7 +63,7 @@ def weigh_match(sums: FloatArray, heading: float, count: int) -> tuple[FloatArra
         for col in range(3):
             shift[row] += step[row, col] * sums[col, 3]
     # A few points in a direction are as well pulled by a door frame that is not theirs.
-    information += WEAK * (WEAK * inverted(information + WEAK * own) - own)
+    information += weak * (weak * inverted(information + weak * own) - own)
     covariance = inverted(turned_matrix(information, -heading) + own)
     for axis in range(3):
         covariance[axis, axis] += count * MATCH_FLOOR[axis] ** 2
@@ -81,28 +84,26 @@ def chi_squared(pose: FloatArray, expected: FloatArray, information: FloatArray)
     return float((pulled * away).sum())
 
 
-def pose_spreads(covariance: FloatArray) -> tuple[float, float]:
-    """Standard deviations of a position, in the worse axis [m], and of a heading [rad] from a covariance (3, 3)."""
-    return math.sqrt(max(covariance[0, 0], covariance[1, 1])), math.sqrt(covariance[2, 2])
+def is_within(pose: FloatArray, centre: FloatArray, window: Sequence[float] | FloatArray) -> bool:
+    """True if a pose (3,) lies in a window (2,) [m], [rad] about another."""
+    x, y, turn = np.abs(pose - centre)
+    return bool(max(x, y) <= window[0] and abs(wrap_angle(turn)) <= window[1])
+
+
+def pose_spreads(covariance: FloatArray) -> FloatArray:
+    """Standard deviations (2,) of a position, in the worse axis, and of a heading by a covariance (3, 3) [m], [rad]."""
+    metres = math.sqrt(max(covariance[0, 0], covariance[1, 1]))
+    return np.array([metres, math.sqrt(covariance[2, 2])])
 
 
 def seen_from(frame: FloatArray, pose: FloatArray) -> FloatArray:
     """A pose (3,) in the frame of another."""
-    cos = math.cos(frame[2])
-    sin = math.sin(frame[2])
-    dx = pose[0] - frame[0]
-    dy = pose[1] - frame[1]
-    turn = float(wrap_angle(pose[2] - frame[2]))
-    return np.array([cos * dx + sin * dy, cos * dy - sin * dx, turn])
+    return np.array(between(Pose2D(*frame.tolist()), Pose2D(*pose.tolist())))
 
 
 def moved_by(frame: FloatArray, motion: FloatArray) -> FloatArray:
     """A pose (3,) given in the frame of another."""
-    cos = math.cos(frame[2])
-    sin = math.sin(frame[2])
-    x, y, turn = motion
-    heading = float(wrap_angle(frame[2] + turn))
-    return np.array([frame[0] + cos * x - sin * y, frame[1] + sin * x + cos * y, heading])
+    return np.array(compose(Pose2D(*frame.tolist()), Pose2D(*motion.tolist())))
 
 
 def placed_points(frames: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -156,6 +157,27 @@ def step_covariance(motion: FloatArray, before: FloatArray, added: FloatArray) -
 
 
 @kernel
+def relative_jacobian(old: FloatArray, new: FloatArray, out: FloatArray) -> None:
+    """Write the change (3, 6) of a pose (3,) seen from another, the old one, by both."""
+    cos = math.cos(old[2])
+    sin = math.sin(old[2])
+    dx = new[0] - old[0]
+    dy = new[1] - old[1]
+    out[0, 0] = -cos
+    out[0, 1] = -sin
+    out[0, 2] = cos * dy - sin * dx
+    out[0, 3] = cos
+    out[0, 4] = sin
+    out[1, 0] = sin
+    out[1, 1] = -cos
+    out[1, 2] = -cos * dx - sin * dy
+    out[1, 3] = -sin
+    out[1, 4] = cos
+    out[2, 2] = -1.0
+    out[2, 5] = 1.0
+
+
+@kernel
 def relative_covariance(
     old: FloatArray, new: FloatArray, of_old: FloatArray, of_new: FloatArray, mixed: FloatArray
 ) -> FloatArray:
@@ -168,15 +190,8 @@ def relative_covariance(
         of_new: (3, 3) of the new one.
         mixed: (3, 3) of the old with the new.
     """
-    cos = math.cos(old[2])
-    sin = math.sin(old[2])
-    dx = new[0] - old[0]
-    dy = new[1] - old[1]
-    change = np.array([
-        [-cos, -sin, cos * dy - sin * dx, cos, sin, 0.0],
-        [sin, -cos, -cos * dx - sin * dy, -sin, cos, 0.0],
-        [0.0, 0.0, -1.0, 0.0, 0.0, 1.0],
-    ])  # fmt: skip
+    change = np.zeros((3, 6))
+    relative_jacobian(old, new, change)
     joint = np.empty((6, 6))
     half = np.zeros((3, 6))
     out = np.zeros((3, 3))

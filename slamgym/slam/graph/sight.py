@@ -10,7 +10,7 @@ from slamgym.core.types import Float32Array, FloatArray, LaserGeometry
 from slamgym.slam.end_points import beam_at
 from slamgym.slam.graph.alignment import Alignment
 from slamgym.slam.graph.relative import moved_by, seen_from
-from slamgym.slam.graph.submaps import SUBMAP_CELL
+from slamgym.slam.graph.submaps import SUBMAP_CELL, OrientedPoints
 
 SEEN_FIT = 0.25
 """A point that fits better lies on a surface that was seen before."""
@@ -23,8 +23,7 @@ laser, with this 0.06 m; the paths through ACES, CSAIL and FHW cut to 4 m are th
 class ScanView(NamedTuple):
     """A scan."""
 
-    points: FloatArray  # (n, 2) end points in the robot frame [m]
-    sides: FloatArray  # (n, 3) their sides in the robot frame
+    seen: OrientedPoints  # its end points in the robot frame
     ranges: Float32Array  # (num_beams,) [m]
 
 
@@ -63,9 +62,9 @@ class Sight:
         Those of the scan that don't fit and through which the scan before, taken at a pose (3,), saw, the others a
         little; and those of the scan before through which this one saw.
         """
-        strange = scan.points[placed.fits < SEEN_FIT]
+        strange = scan.seen.points[placed.fits < SEEN_FIT]
         in_sight = self.count(strange, placed.pose, last, before.ranges)
-        through = self.count(before.points, last, placed.pose, scan.ranges)
+        through = self.count(before.seen.points, last, placed.pose, scan.ranges)
         return in_sight + through + NEW_SHARE * (len(strange) - in_sight)
 
 

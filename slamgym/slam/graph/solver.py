@@ -7,6 +7,7 @@ the sparse matrix of the poses. Edges that may be false are scaled by dynamic co
 so that they lose their pull instead of bending the map.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +17,7 @@ from slamgym.core.jit import kernel, plain
 from slamgym.core.portable import inverted, product
 from slamgym.core.types import FloatArray, IntArray
 from slamgym.slam.graph.factor import Factor, add_product, make_layout
-from slamgym.slam.graph.relative import nearest_turn
+from slamgym.slam.graph.relative import Match, nearest_turn, relative_jacobian
 
 FIXED = 1e12
 """Information of the first node, which stays where it is."""
@@ -26,6 +27,8 @@ FIRST_DAMPING = 1e-5
 """Damping after a first step that made it worse."""
 MOST_DAMPING = 1e3
 """With more damping than this no step makes it better."""
+GRADUATION = (1000.0, 100.0, 10.0)
+"""After a closure the width shrinks by these factors: a large true correction isn't taken for a false one."""
 DAMPING_FACTOR = 10.0
 """The damping grows by this factor after a step that made it worse, and shrinks by it after one that made it better."""
 
@@ -39,6 +42,23 @@ class Edges(NamedTuple):
     information: FloatArray  # (E, 3, 3) inverse covariance, in the frame of the first node
     design: FloatArray  # (E, 3, K) change of the measurement by the odometry's errors; zero where the laser measured
     width: FloatArray  # (E,) chi-squared beyond which the edge loses its pull; infinite where it is sure
+
+    @staticmethod
+    def of(matches: Sequence[Match], width: float) -> "Edges":
+        """What the laser measured, where the wheels' errors are known."""
+        count = len(matches)
+        return Edges(
+            first=np.array([match.old for match in matches], dtype=np.int64),
+            second=np.array([match.new for match in matches], dtype=np.int64),
+            measured=np.array([match.measured for match in matches]).reshape(-1, 3),
+            information=np.array([match.information for match in matches]).reshape(-1, 3, 3),
+            design=np.zeros((count, 3, 3)),
+            width=np.full(count, width),
+        )
+
+    def joined(self, other: "Edges") -> "Edges":
+        """These and others."""
+        return Edges(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
 
 
 class Solution(NamedTuple):
@@ -55,6 +75,18 @@ class Solution(NamedTuple):
         known = self.factor.covariance(node, other)
         by_wheels = product(self.levers[node], self.wheels_covariance)
         return known + product(by_wheels, self.levers[other].T)
+
+
+def approach(
+    poses: FloatArray, wheels: FloatArray, edges: Edges, places: IntArray, prior: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Poses and errors of the wheels from which :func:`optimise` goes on, where edges may disagree much with them."""
+    for factor in GRADUATION:
+        wide = edges._replace(width=edges.width * factor)
+        rough = optimise(poses, wheels, wide, places, prior, 4, 1e-3)
+        poses = rough.poses
+        wheels = rough.wheels
+    return poses, wheels
 
 
 def optimise(
@@ -215,39 +247,24 @@ def linearise(
     edges = Edges(*edges)
     count = len(errors)
     systematic = len(wheels)
-    to_a = np.zeros((3, 3))
-    to_b = np.zeros((3, 3))
-    by_a = np.empty((3, 3))
-    by_b = np.empty((3, 3))
+    jacobian = np.zeros((3, 6))
+    to_a = jacobian[:, :3]
+    to_b = jacobian[:, 3:]
+    by = np.empty((3, 6))
+    by_a = by[:, :3]
+    by_b = by[:, 3:]
     # The error, and its change by the wheels.
     change = np.empty((3, 1 + systematic))
-    to_a[2, 2] = -1.0
-    to_b[2, 2] = 1.0
     for edge in range(count):
         a = edges.first[edge]
         b = edges.second[edge]
         information = edges.information[edge]
         _, scale = _scale(errors[edge], information, edges.width[edge])
-        cos = np.cos(poses[a, 2])
-        sin = np.sin(poses[a, 2])
-        dx = poses[b, 0] - poses[a, 0]
-        dy = poses[b, 1] - poses[a, 1]
-        to_b[0, 0] = cos
-        to_b[0, 1] = sin
-        to_b[1, 0] = -sin
-        to_b[1, 1] = cos
-        to_a[0, 0] = -cos
-        to_a[0, 1] = -sin
-        to_a[0, 2] = cos * dy - sin * dx
-        to_a[1, 0] = sin
-        to_a[1, 1] = -cos
-        to_a[1, 2] = -cos * dx - sin * dy
-        by_a[:] = 0.0
-        by_b[:] = 0.0
+        relative_jacobian(poses[a], poses[b], jacobian)
+        by[:] = 0.0
         add_product(information, to_a, by_a)
         add_product(information, to_b, by_b)
-        by_a *= scale * scale
-        by_b *= scale * scale
+        by *= scale * scale
         add_product(to_a, by_a, blocks[count + a])
         add_product(to_b, by_b, blocks[count + b])
         add_product(to_a, by_b, blocks[edge])

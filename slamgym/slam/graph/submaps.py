@@ -5,19 +5,29 @@ each side that it was seen from, so that the two faces of a thin wall stay apart
 the end points of its 3 x 3 cells (5 x 5 where there are few), as in the normal-distributions transform (Biber and
 Strasser, IROS 2003). Where no line fits, nothing is claimed.
 
-Conventions: poses are (x, y, theta) [m, m, rad]. Grids have row 0 at the bottom. The *sides* (n, 3) of end points are
-unit vectors to the side that they were seen from, and 1 where that is the surface's normal, 0 where the scan shows no
-straight surface and it is the direction to the laser.
+Conventions: poses are (x, y, theta) [m, m, rad]. Grids have row 0 at the bottom.
 """
 
 import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from slamgym.core.jit import kernel
-from slamgym.core.types import FREE, OCCUPIED, FloatArray, OccupancyGrid
-from slamgym.slam.end_points import surface_normals
+from slamgym.core.geometry import transform_points
+from slamgym.core.jit import kernel, plain
+from slamgym.core.types import (
+    FREE,
+    OCCUPIED,
+    BoolArray,
+    Float32Array,
+    FloatArray,
+    OccupancyGrid,
+    Pose2D,
+)
+from slamgym.slam.end_points import surface_normals, usable_end_points
 from slamgym.slam.graph.relative import seen_from
+from slamgym.slam.hit_count_kernels import BeamTable
 
 SUBMAP_CELL = 0.1
 """Size of a cell [m]: of furniture's scale, and few of an indoor scanner's beams fall between."""
@@ -46,8 +56,47 @@ PIECE = np.dtype([(name, np.float64) for name in (*POINT_SUMS, *LINE_FIELDS)])
 """A piece of surface."""
 
 
+class OrientedPoints(NamedTuple):
+    """End points of a scan, or pieces of a map's surfaces, and the sides that they were seen from."""
+
+    points: FloatArray  # (n, 2) [m]
+    sides: FloatArray
+    """(n, 3) unit vectors to the side that they were seen from, and 1 where that is the surface's normal, 0 where the
+    scan shows no straight surface and it is the direction to the laser."""
+
+    @staticmethod
+    def joined(parts: Sequence["OrientedPoints"]) -> "OrientedPoints":
+        """Those of one or more together."""
+        return OrientedPoints(*map(np.concatenate, zip(*parts, strict=True)))
+
+    def at(self, which: Any) -> "OrientedPoints":
+        """Those that an index (a slice, numbers or a mask) chooses."""
+        return OrientedPoints(*(np.ascontiguousarray(column[which]) for column in self))
+
+    def every(self, stride: int) -> "OrientedPoints":
+        """Every so many of them."""
+        return self.at(slice(None, None, stride))
+
+    def placed(self, pose: FloatArray) -> "OrientedPoints":
+        """The same, given in the frame of a pose (3,), in the frame that the pose is given in."""
+        frame = Pose2D(*pose.tolist())
+        turned = transform_points(Pose2D(0.0, 0.0, frame.theta), self.sides[:, :2])
+        sides = np.column_stack([turned, self.sides[:, 2]])
+        return OrientedPoints(transform_points(frame, self.points), sides)
+
+    def seen_by_face(self) -> BoolArray:
+        """Which of them one sees who looks against x, y, -x and -y, shape (4, n)."""
+        to_x, to_y, _ = self.sides.T
+        return np.stack([to_x, to_y, -to_x, -to_y]) > 0.0
+
+    @property
+    def reach(self) -> float:
+        """How far the furthest is from the origin [m]; 0 without any."""
+        return float(np.hypot(*self.points.T).max(initial=0.0))
+
+
 class Submap:
-    """Surfaces in the frame of a node.
+    """OrientedPoints in the frame of a node.
 
     Args:
         first: The node, the first of those whose scans make the submap.
@@ -68,24 +117,18 @@ class Submap:
         self.checked = 0
         """Number of optimisations of the graph after which it was last compared with the path."""
         self._used = 0
-        self._lines: tuple[FloatArray, FloatArray] | None = None
+        self._lines: OrientedPoints | None = None
 
-    def add(self, pose: FloatArray, points: FloatArray, sides: FloatArray) -> None:
-        """Draw a scan.
-
-        Args:
-            pose: (3,) of the robot in the submap's frame.
-            points: (n, 2) end points in the robot frame [m].
-            sides: (n, 3) their sides in the robot frame.
-        """
+    def add(self, pose: FloatArray, seen: OrientedPoints) -> None:
+        """Draw a scan, in the frame of a robot at a pose (3,) in the submap's."""
         capacity = len(self.pieces)
-        count = len(points)
+        count = len(seen.points)
         if self._used + count > capacity:
             more = np.zeros(capacity + count, dtype=PIECE)
             self.pieces = np.concatenate([self.pieces, more])
         self.poses.append(pose)
         self._lines = None
-        self._used = add_scan(self.grid, self.pieces, self._used, self.corner, pose, points, sides)
+        self._used = add_scan(self.grid, self.pieces, self._used, self.corner, pose, *seen)
 
     def clear(self) -> None:
         """Forget the scans."""
@@ -113,15 +156,15 @@ class Submap:
         self.centre = np.array([x, y]) / self.pieces["count"].sum()
 
     @property
-    def means(self) -> tuple[FloatArray, FloatArray]:
-        """Means of all pieces (n, 2) in the submap's frame [m], and vectors (n, 2) to the side they were seen from."""
+    def means(self) -> OrientedPoints:
+        """The means of all pieces in the submap's frame; the vectors to their sides have any length."""
         pieces = self.pieces[: self._used]
         means = np.column_stack([pieces["own_x"], pieces["own_y"]])
-        sides = np.column_stack([pieces["side_x"], pieces["side_y"]])
-        return means, sides
+        sides = np.column_stack([pieces["side_x"], pieces["side_y"], np.zeros(self._used)])
+        return OrientedPoints(means, sides)
 
-    def lines(self) -> tuple[FloatArray, FloatArray]:
-        """Means (n, 2) of the pieces with a line in the submap's frame [m], and their sides (n, 3)."""
+    def lines(self) -> OrientedPoints:
+        """The means of the pieces with a line, in the submap's frame."""
         if self._lines is None:
             pieces = self.pieces[: self._used]
             has_line = pieces["state"] == LINE
@@ -129,9 +172,9 @@ class Submap:
             means, sides = self.means
             straight = np.ones(len(lines))
             normals = np.column_stack([lines["normal_x"], lines["normal_y"], straight])
-            facing = (normals[:, :2] * sides[has_line]).sum(axis=1)
+            facing = (normals * sides[has_line]).sum(axis=1)
             normals[facing < 0.0, :2] *= -1.0
-            self._lines = means[has_line], normals
+            self._lines = OrientedPoints(means[has_line], normals)
         return self._lines
 
 
@@ -254,26 +297,30 @@ def _fit_line(grid: np.ndarray, pieces: np.ndarray, number: int, row: int, col: 
             return
 
 
-def sides_of(points: FloatArray, mount: FloatArray) -> FloatArray:
-    """Sides (n, 3) of end points (n, 2) in the order of the beams, seen from the laser (2,)."""
+def oriented_scan(ranges: Float32Array, beams: BeamTable, longest: float) -> OrientedPoints:
+    """End points of the beams of a scan (num_beams,) [m] that can be matched, and are no longer [m]."""
+    return oriented(usable_end_points(ranges, plain(beams), longest), beams.mount)
+
+
+def oriented(points: FloatArray, mount: FloatArray) -> OrientedPoints:
+    """End points (n, 2) in the order of the beams with their sides, seen from the laser (2,)."""
     sides = np.zeros((len(points), 3))
     to_laser = sides[:, :2]
     to_laser[:] = mount - points
     distances = np.hypot(sides[:, 0], sides[:, 1])
     to_laser /= distances[:, None] + 1e-9
-    normals = np.empty((len(points), 2))
-    surface_normals(np.ascontiguousarray(points), normals)
+    normals = surface_normals(np.ascontiguousarray(points))
     # The side of a surface is told by its normal: past a thin wall's end both faces are seen from the same direction.
     is_away = (to_laser * normals).sum(axis=1) < 0.0
     normals[is_away] *= -1.0
     shown = normals.any(axis=1)
     sides[shown, :2] = normals[shown]
     sides[shown, 2] = 1.0
-    return sides
+    return OrientedPoints(points, sides)
 
 
-def known_surfaces(grid: OccupancyGrid) -> tuple[FloatArray, FloatArray]:
-    """Occupied cells next to free ones, (n, 2) [m], and their sides (n, 3)."""
+def known_surfaces(grid: OccupancyGrid) -> OrientedPoints:
+    """Occupied cells next to free ones, once for each side that is free."""
     cells = grid.cells[::-1]
     frame = grid.frame
     origin = (frame.origin_x, frame.origin_y)
@@ -290,15 +337,13 @@ def known_surfaces(grid: OccupancyGrid) -> tuple[FloatArray, FloatArray]:
         points.append((indices + 0.5) * frame.resolution + origin)
         side = np.array([col, row, 1.0])
         sides.append(np.tile(side, (len(indices), 1)))
-    return np.concatenate(points), np.concatenate(sides)
+    return OrientedPoints(np.concatenate(points), np.concatenate(sides))
 
 
-def known_submap(surfaces: tuple[FloatArray, FloatArray], start: FloatArray) -> Submap:
+def known_submap(surfaces: OrientedPoints, start: FloatArray) -> Submap:
     """A submap of an older map's surfaces, in the frame of the first node, whose pose (3,) in that map is given."""
-    points, sides = surfaces
-    distances = np.hypot(points[:, 0] - start[0], points[:, 1] - start[1])
-    reach = float(distances.max(initial=0.0)) + 1.0
-    submap = Submap(0, reach)
-    submap.add(seen_from(start, np.zeros(3)), points, sides)
+    away = OrientedPoints(surfaces.points - start[:2], surfaces.sides).reach
+    submap = Submap(0, away + 1.0)
+    submap.add(seen_from(start, np.zeros(3)), surfaces)
     submap.close()
     return submap

@@ -2,11 +2,10 @@
 
 import numpy as np
 
-from slamgym.core.geometry import transform_points
-from slamgym.core.types import FloatArray, Pose2D
+from slamgym.core.types import FloatArray
 from slamgym.slam.graph.alignment import AlignmentTarget
 from slamgym.slam.graph.relative import seen_from
-from slamgym.slam.graph.submaps import SUBMAP_CELL, Submap
+from slamgym.slam.graph.submaps import SUBMAP_CELL, OrientedPoints, Submap
 from slamgym.slam.localization.known_map import KnownMap
 
 BEYOND_REACH = 30.0
@@ -34,26 +33,18 @@ class SurfacesBeyond:
         self._submap: Submap | None = None
         self._drawn = np.full(3, np.inf)  # pose of the last scan that was drawn
 
-    def draw(self, pose: FloatArray, cloud: FloatArray) -> None:
-        """Draw what a scan shows beyond the map.
-
-        Args:
-            pose: (3,) of the robot.
-            cloud: (n, 5) end points in the robot frame [m], and their sides.
-        """
+    def draw(self, pose: FloatArray, scan: OrientedPoints) -> None:
+        """Draw what a scan, taken at a pose (3,), shows beyond the map."""
         if np.abs(pose - self._drawn).max() < DRAWN_EVERY:
             return
         self._drawn = pose
-        points = transform_points(Pose2D(*pose.tolist()), cloud[:, :2])
-        seen = cloud[self._known.are_beyond(points)]
-        if len(seen) == 0:
+        seen = scan.at(self._known.are_beyond(scan.placed(pose).points))
+        if len(seen.points) == 0:
             return
         (known,) = self._known.surfaces.submaps
         if self._submap is None:
             half = 0.5 * SUBMAP_CELL * max(known.grid.shape[:2])
             self._submap = Submap(0, half + BEYOND_REACH)
-        points = np.ascontiguousarray(seen[:, :2])
-        sides = np.ascontiguousarray(seen[:, 2:])
-        self._submap.add(seen_from(self._frame, pose), points, sides)
+        self._submap.add(seen_from(self._frame, pose), seen)
         frames = np.array([self._frame, self._frame])
         self.surfaces = AlignmentTarget([known, self._submap], frames)

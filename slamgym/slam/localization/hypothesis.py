@@ -17,6 +17,7 @@ from slamgym.core.types import Float32Array, FloatArray, Pose2D
 from slamgym.slam.config import LocalizationConfig
 from slamgym.slam.graph.alignment import AlignmentTarget
 from slamgym.slam.graph.relative import match_with, moved_by
+from slamgym.slam.graph.submaps import OrientedPoints
 from slamgym.slam.graph.wheels import SPREADS, WheelStep
 
 State = Literal["searching", "ambiguous", "localised", "lost"]
@@ -96,15 +97,14 @@ class Hypothesis:
         self.covariance = jacobian @ self.covariance @ jacobian.T
         self.covariance[:3, :3] += np.diag(variances[[0, 0, 1]])
 
-    def align(self, surfaces: AlignmentTarget, points: FloatArray, sides: FloatArray) -> None:
-        """Correct: align a scan's end points (n, 2) with sides (n, 3), in the robot frame, to the map."""
+    def align(self, surfaces: AlignmentTarget, seen: OrientedPoints) -> None:
+        """Correct: align a scan, in the robot frame, to the map."""
         own = self.covariance[:3, :3]
-        placed = surfaces.align(points, sides, self.pose, self.pose, inverted(own))
+        placed = surfaces.align(seen, self.pose, self.pose, inverted(own))
         if placed.fit < ALIGNED_FIT:
             return
         map_frame = np.zeros((1, 3))
-        sums = placed.equations.sums.sum(axis=0)
-        match = match_with(map_frame, 0, 0, placed.pose, sums, 1)
+        match = match_with(map_frame, 0, 0, placed.pose, placed.sums, 1)
         measured = inverted(match.information + np.eye(3))
         gain = self.covariance[:, :3] @ inverted(own + measured)
         error = match.measured - self.pose

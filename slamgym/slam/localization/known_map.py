@@ -14,7 +14,7 @@ from slamgym.core.types import FREE, UNKNOWN, BoolArray, Float32Array, FloatArra
 from slamgym.slam.branch_and_bound import HIT, maxima
 from slamgym.slam.graph.alignment import AlignmentTarget
 from slamgym.slam.graph.submaps import SUBMAP_CELL, known_submap, known_surfaces
-from slamgym.slam.hit_count_kernels import BeamTable
+from slamgym.slam.hit_count_kernels import BeamTable, laser_at
 
 MISS_NATS = 0.25
 """Evidence against a pose of a beam that the map doesn't explain: AMCL's beam model, taken to the power of 0.06, as
@@ -63,13 +63,14 @@ class KnownMap:
         frame = grid.frame
         cells = grid.cells[::-1]
         corner = np.array([frame.origin_x, frame.origin_y])
-        points, sides = known_surfaces(grid)
+        surfaces = known_surfaces(grid)
+        points = surfaces.points
         if len(points) == 0:
             raise SlamgymError(
                 "the map has no wall beside free floor: nothing can be localised on it; check its thresholds"
             )
         middle = np.array([*points.mean(axis=0), 0.0])
-        submap = known_submap((points, sides), middle)
+        submap = known_submap(surfaces, middle)
         self.surfaces = AlignmentTarget([submap], middle[None])
         """What scans are aligned with."""
         cols, rows = ((points - corner) / frame.resolution).astype(np.int64).T
@@ -162,10 +163,7 @@ def explain_scan(
     """
     field = SurfaceField(*field)
     beams = BeamTable(*beams)
-    cos = math.cos(pose[2])
-    sin = math.sin(pose[2])
-    x0 = pose[0] + cos * beams.mount[0] - sin * beams.mount[1]
-    y0 = pose[1] + sin * beams.mount[0] + cos * beams.mount[1]
+    x0, y0, cos, sin = laser_at(pose, beams)
     explained = 0
     unexplained = 0
     unknown = 0

@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 
 from slamgym.core.geometry import compose, inverse, transform_poses
-from slamgym.core.jit import plain
 from slamgym.core.types import FloatArray, LaserGeometry, LaserScan, OccupancyGrid, Pose2D
 from slamgym.slam.columns import Columns
 from slamgym.slam.config import SlamConfig
-from slamgym.slam.end_points import usable_end_points
 from slamgym.slam.graph.mapper import FEW_POINTS
-from slamgym.slam.graph.submaps import sides_of
+from slamgym.slam.graph.sight import ScanView
+from slamgym.slam.graph.submaps import OrientedPoints, oriented_scan
 from slamgym.slam.graph.wheels import WheelCalibration
 from slamgym.slam.localization.beyond import SurfacesBeyond
 from slamgym.slam.localization.global_search import is_same
@@ -59,20 +58,20 @@ class MapLocalizer(Mapper):
         rng: np.random.Generator,
         finished: OccupancyGrid,
     ) -> None:
-        del rng
-        super().__init__(config, geometry, THRESHOLDS)
-        self._settings = settings = config.localization
+        settings = config.localization
+        is_known = settings.start == "known"
+        start = initial_pose if is_known else Pose2D(0.0, 0.0, 0.0)
+        super().__init__(config, geometry, start, rng, THRESHOLDS)
         self._known_map = KnownMap(finished)
         self._beyond = SurfacesBeyond(self._known_map)
         self._wheels = WheelCalibration()
         self._hypotheses: list[Hypothesis] = []
-        if settings.start == "known":
+        if is_known:
             pose = np.array(initial_pose, dtype=np.float64)
             first = Hypothesis.around(pose, START_SPREAD, self._known_map.no_misses())
             first.led = math.inf
             first.was_sure = True
             self._hypotheses.append(first)
-        start = initial_pose if self._hypotheses else Pose2D(0.0, 0.0, 0.0)
         self._seeker = Seeker(self._known_map, self._beams, MOST_BEAMS)
         self.belief = Belief(0.0, "searching", start, np.eye(3), 0.0, ())
         """Belief since the last processed scan."""
@@ -82,11 +81,6 @@ class MapLocalizer(Mapper):
         )
         self._drawn = 0  # scans drawn
         self._sure = 0  # scans until the robot was last localised
-
-    @property
-    def pose(self) -> Pose2D:
-        """The best hypothesis, by odometry since the last processed scan."""
-        return compose(self.belief.pose, self._gate.since_processed)
 
     @property
     def covariance(self) -> FloatArray:
@@ -100,7 +94,7 @@ class MapLocalizer(Mapper):
     def _process(self, scan: LaserScan) -> None:
         predicted = self.pose
         self._localize(self._gate.take(scan.stamp), scan)
-        pose = self.belief.pose
+        self._last_pose = pose = self.belief.pose
         self._states[self.belief.state] += 1
         if not is_same(np.array([predicted]), np.array(pose))[0]:
             self._move_unsure(compose(pose, inverse(predicted)))
@@ -132,43 +126,37 @@ class MapLocalizer(Mapper):
         distance = np.hypot(increments[:, 0], increments[:, 1]).sum()
         turned = np.abs(increments[:, 2]).sum()
         driven = float(distance + TURN_METRES * turned)
-        cloud = self._cloud(scan)
+        seen = oriented_scan(scan.ranges, self._beams, np.inf)
         was_localised = self.belief.state == "localised"
         for hypothesis in self._hypotheses:
             hypothesis.move(step, self._wheels.variances(step.slips))
-        self._seeker.append(step.moved, driven, scan.ranges, cloud)
-        if len(cloud) >= FEW_POINTS:
+        self._seeker.append(step.moved, driven, ScanView(seen, scan.ranges.copy()))
+        if len(seen.points) >= FEW_POINTS:
             self._hypotheses += self._seeker.find(self._hypotheses, was_localised)
-            self._correct(cloud, scan)
+            self._correct(seen, scan)
         self._hypotheses = distinct(self._hypotheses)
         self.belief = believe(
-            scan.stamp, driven, self._hypotheses, self.belief.pose, self._settings
+            scan.stamp, driven, self._hypotheses, self.belief.pose, self._config.localization
         )
         if self.belief.state == "localised":
-            self._beyond.draw(np.array(self.belief.pose), cloud)
+            self._beyond.draw(np.array(self.belief.pose), seen)
         elif not (self._hypotheses and self._hypotheses[0].was_sure):
             self._beyond.clear()
         if was_localised and self.belief.state != "localised":
             self._seeker.forget()
 
-    def _correct(self, cloud: FloatArray, scan: LaserScan) -> None:
-        """Align and weigh the hypotheses by a scan and its end points with their sides (n, 5)."""
-        stride = min(len(self._hypotheses), max(1, len(cloud) // MOST_BEAMS))
-        points = np.ascontiguousarray(cloud[::stride, :2])
-        sides = np.ascontiguousarray(cloud[::stride, 2:])
+    def _correct(self, seen: OrientedPoints, scan: LaserScan) -> None:
+        """Align and weigh the hypotheses by a scan and its end points."""
+        stride = min(len(self._hypotheses), max(1, len(seen.points) // MOST_BEAMS))
+        taken = seen.every(stride)
         for hypothesis in self._hypotheses:
             # A place that was sure may lead out of the map; one that is sought must lie on it.
             excuses = hypothesis.was_sure
-            seen = self._beyond if excuses else self._known_map
-            hypothesis.align(seen.surfaces, points, sides)
+            map_seen = self._beyond if excuses else self._known_map
+            hypothesis.align(map_seen.surfaces, taken)
             against, fit = self._seeker.evidence(
                 hypothesis.pose, scan.ranges, excuses, hypothesis.missed
             )
             hypothesis.log_weight -= against
             if fit >= 0.0:
                 hypothesis.fit += FIT_MEMORY * (fit - hypothesis.fit)
-
-    def _cloud(self, scan: LaserScan) -> FloatArray:
-        """End points (n, 5) in the robot frame, with their sides."""
-        points = usable_end_points(scan.ranges, plain(self._beams), np.inf)
-        return np.hstack([points, sides_of(points, np.array(self._beams.mount))])

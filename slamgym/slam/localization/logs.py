@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slamgym.core.geometry import compose, inverse
-from slamgym.core.types import OccupancyGrid, Pose2D, Trajectory
+from slamgym.core.types import AT_REST, OccupancyGrid, Pose2D, Trajectory
 from slamgym.interop.records import Log
 from slamgym.slam.config import LocalizationConfig, SlamConfig
 from slamgym.slam.graph.relative import turned_matrix
@@ -44,8 +44,12 @@ def localize_log(
         config: Settings.
         initial_pose: Where the robot starts in the map's frame, if that is known.
     """
-    start = None if initial_pose is None else compose(inverse(placement), initial_pose)
-    localizer = _localizer(log, grid, config, start)
+    geometry = log.geometry
+    start = compose(inverse(placement), initial_pose or AT_REST)
+    config = replace(config, start="global" if initial_pose is None else "known")
+    mapping = SlamConfig.for_log(geometry.range_max, geometry.num_beams)
+    mapping = replace(mapping, localization=config)
+    localizer = MapLocalizer(mapping, geometry, start, np.random.default_rng(0), grid)
     beliefs: list[Belief] = []
     processed: list[int] = []
     path: list[list[float]] = []
@@ -63,18 +67,6 @@ def localize_log(
         searches=localizer.report()["searches"],
         cpu_seconds=localizer.stats.cpu_seconds,
     )
-
-
-def _localizer(
-    log: Log, grid: OccupancyGrid, config: LocalizationConfig, start: Pose2D | None = None
-) -> MapLocalizer:
-    """A localizer for a log, from a known start or none."""
-    geometry = log.geometry
-    config = replace(config, start="global" if start is None else "known")
-    mapping = SlamConfig.for_log(geometry.range_max, geometry.num_beams)
-    mapping = replace(mapping, localization=config)
-    unused = np.random.default_rng(0)
-    return MapLocalizer(mapping, geometry, start or Pose2D(0.0, 0.0, 0.0), unused, grid)
 
 
 def _placed(belief: Belief, placement: Pose2D) -> Belief:

@@ -10,7 +10,8 @@ from slamgym.core.jit import plain
 from slamgym.core.portable import inverted
 from slamgym.core.types import Float32Array, FloatArray
 from slamgym.slam.graph.relative import chi_squared, moved_by, seen_from
-from slamgym.slam.graph.submaps import SUBMAP_CELL
+from slamgym.slam.graph.sight import ScanView
+from slamgym.slam.graph.submaps import SUBMAP_CELL, OrientedPoints
 from slamgym.slam.hit_count_kernels import BeamTable
 from slamgym.slam.localization.global_search import MOST_HYPOTHESES, find_places, is_same
 from slamgym.slam.localization.hypothesis import Hypothesis
@@ -42,8 +43,7 @@ class RememberedScan(NamedTuple):
 
     way: float  # driven until then in all [m]
     pose: FloatArray  # (3,) by odometry
-    ranges: Float32Array  # (num_beams,) [m]
-    cloud: FloatArray  # (n, 5) end points with sides in the robot frame
+    view: ScanView
 
 
 class Seeker:
@@ -66,20 +66,11 @@ class Seeker:
         self.searches = 0
         """Searches so far."""
 
-    def append(
-        self, motion: FloatArray, driven: float, ranges: Float32Array, cloud: FloatArray
-    ) -> None:
-        """Take a scan.
-
-        Args:
-            motion: (3,) since the one before, in its frame.
-            driven: Its length [m].
-            ranges: (num_beams,) [m].
-            cloud: (n, 5) end points in the robot frame [m], and their :func:`slamgym.slam.graph.submaps.sides_of`.
-        """
+    def append(self, motion: FloatArray, driven: float, view: ScanView) -> None:
+        """Take a scan after a motion (3,), in the frame of the one before, of a length [m]."""
         self._pose = moved_by(self._pose, motion)
         self._way += driven
-        self._scans.append(RememberedScan(self._way, self._pose, ranges.copy(), cloud))
+        self._scans.append(RememberedScan(self._way, self._pose, view))
         while self._way - self._scans[0].way > MEMORY_METRES:
             del self._scans[0]
 
@@ -112,12 +103,11 @@ class Seeker:
             return []
         self.searches += 1
         self._searched = self._way
-        points, sides = self._cloud()
+        seen = self._latest()
         rivals = np.array([hypothesis.pose for hypothesis in hypotheses[1:]]).reshape(-1, 3)
-        unknown = np.zeros((3, 3))
         found = []
-        for place in find_places(self._known, points):
-            placed = self._known.surfaces.align(points, sides, place, place, unknown)
+        for place in find_places(self._known, seen.points):
+            placed = self._known.surfaces.align_freely(seen, place)
             if is_same(rivals, placed.pose).any():
                 continue
             new = Hypothesis.around(placed.pose, SEED_SPREAD, self._known.no_misses())
@@ -140,23 +130,24 @@ class Seeker:
         if jump < JUMP_COST:
             new.inherit(best)
 
-    def _cloud(self) -> tuple[FloatArray, FloatArray]:
-        """End points in the robot's present frame, at most one in a cell, (n, 2), and their sides (n, 3)."""
+    def _latest(self) -> OrientedPoints:
+        """The latest scans in the robot's present frame, at most one point in a cell."""
         clouds = []
         for scan in self._scans:
             x, y, turn = seen_from(self._pose, scan.pose)
+            cloud = np.hstack(scan.view.seen)
             # Points and sides as complex numbers.
-            vectors = np.ascontiguousarray(scan.cloud[:, :4]).view(np.complex128)
-            turned = vectors * np.exp(1j * turn)
+            turned = cloud[:, :4].copy().view(np.complex128) * np.exp(1j * turn)
             turned[:, 0] += complex(x, y)
-            clouds.append(np.hstack([turned.view(np.float64), scan.cloud[:, 4:]]))
+            cloud[:, :4] = turned.view(np.float64)
+            clouds.append(cloud)
         cloud = np.concatenate(clouds)
         cells = np.floor(cloud[:, :2] / SUBMAP_CELL).astype(np.int64)
         _, first_in_cell = np.unique(cells, axis=0, return_index=True)
         count = len(first_in_cell)
         spread = np.linspace(0, count - 1, min(count, CLOUD_POINTS)).astype(int)
         kept = cloud[np.sort(first_in_cell)[spread]]
-        return np.ascontiguousarray(kept[:, :2]), np.ascontiguousarray(kept[:, 2:])
+        return OrientedPoints(kept[:, :2], kept[:, 2:]).every(1)
 
     def _remembered(self, pose: FloatArray, excuses: bool, missed: Float32Array) -> float:
         """Evidence of some of the latest scans against a pose (3,) of the robot now."""
@@ -164,7 +155,7 @@ class Seeker:
         total = 0.0
         for scan in self._scans[::-step]:
             then = moved_by(pose, seen_from(self._pose, scan.pose))
-            against, _ = self.evidence(then, scan.ranges, excuses, missed)
+            against, _ = self.evidence(then, scan.view.ranges, excuses, missed)
             total += against
         return total
 

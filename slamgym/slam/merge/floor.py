@@ -8,24 +8,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slamgym.core.geometry import transform_points
-from slamgym.core.jit import plain
-from slamgym.core.types import (
-    FREE,
-    OCCUPIED,
-    BoolArray,
-    FloatArray,
-    IntArray,
-    OccupancyGrid,
-    Pose2D,
-)
+from slamgym.core.types import FREE, OCCUPIED, FloatArray, OccupancyGrid
 from slamgym.slam.branch_and_bound import face_of
-from slamgym.slam.end_points import usable_end_points
 from slamgym.slam.graph.closures import FEW_SURFACES
 from slamgym.slam.graph.map_graph import MapGraph
 from slamgym.slam.graph.mapper import MATCH_RANGE
 from slamgym.slam.graph.relative import seen_from
-from slamgym.slam.graph.submaps import SUBMAP_CELL, Submap, known_surfaces, sides_of
+from slamgym.slam.graph.submaps import (
+    SUBMAP_CELL,
+    OrientedPoints,
+    Submap,
+    known_surfaces,
+    oriented_scan,
+)
 from slamgym.slam.merge.days import are_clear, draw_days
 
 VIEW_REACH = 8.0
@@ -42,34 +37,11 @@ LEAST_SLOPE = 0.4
 """A smoothed picture that is flatter than this shows no normal."""
 
 
-class WallPieces(NamedTuple):
-    """Pieces of wall, at most one a cell and side."""
-
-    points: FloatArray  # (n, 2) [m]
-    sides: FloatArray  # (n, 3) unit vectors to the side that they were seen from, and 1
-
-    def at(self, which: BoolArray | IntArray) -> "WallPieces":
-        """Some of them: a mask or numbers."""
-        return WallPieces(self.points[which], self.sides[which])
-
-    def placed(self, pose: FloatArray) -> "WallPieces":
-        """The same, given in the frame of a pose (3,), in the frame that the pose is given in."""
-        frame = Pose2D(*pose.tolist())
-        turned = transform_points(Pose2D(0.0, 0.0, frame.theta), self.sides[:, :2])
-        sides = np.column_stack([turned, self.sides[:, 2]])
-        return WallPieces(transform_points(frame, self.points), sides)
-
-    def seen_by_face(self) -> BoolArray:
-        """Which pieces one sees who looks against x, y, -x and -y, shape (4, n)."""
-        to_x, to_y = self.sides[:, 0], self.sides[:, 1]
-        return np.stack([to_x, to_y, -to_x, -to_y]) > 0.0
-
-
 class View(NamedTuple):
     """What was seen near a place."""
 
     pose: FloatArray  # (3,) of the place on its map
-    surfaces: WallPieces  # in the frame of the place
+    surfaces: OrientedPoints  # in the frame of the place
 
 
 @dataclass(frozen=True)
@@ -77,8 +49,8 @@ class Floor:
     """A finished map."""
 
     grid: OccupancyGrid
-    surfaces: WallPieces
-    """Of the whole map, in its frame."""
+    surfaces: OrientedPoints
+    """Of the whole map, in its frame, at most one a cell and side."""
     views: tuple[View, ...]
     """What is sought of it on other maps."""
 
@@ -87,8 +59,7 @@ def graph_floor(graph: MapGraph, submaps: list[Submap], has_views: bool = True) 
     """The floor of a graph with its submaps: what stands there now."""
     grid = draw_days(graph)
     frames = graph.poses[graph.submaps[:, 0]]
-    seen = [WallPieces(*submap.lines()) for submap in submaps]
-    placed = [surfaces.placed(frame) for surfaces, frame in zip(seen, frames, strict=True)]
+    placed = [submap.lines().placed(frame) for submap, frame in zip(submaps, frames, strict=True)]
     if len(graph.drives) > 1:
         placed = [_standing(surfaces, grid) for surfaces in placed]
     views: list[View] = []
@@ -96,12 +67,12 @@ def graph_floor(graph: MapGraph, submaps: list[Submap], has_views: bool = True) 
         if any(np.hypot(*(view.pose - frame)[:2]) < VIEW_SPACING for view in views):
             continue
         first = max(0, number - VIEW_SUBMAPS)
-        around = _thinned(joined_pieces(placed[first : number + VIEW_SUBMAPS + 1]))
+        around = _thinned(OrientedPoints.joined(placed[first : number + VIEW_SUBMAPS + 1]))
         views.append(_view(frame, around))
-    return _floor(grid, _thinned(joined_pieces(placed)), views)
+    return _floor(grid, _thinned(OrientedPoints.joined(placed)), views)
 
 
-def _standing(surfaces: WallPieces, grid: OccupancyGrid) -> WallPieces:
+def _standing(surfaces: OrientedPoints, grid: OccupancyGrid) -> OrientedPoints:
     """Surfaces without those on free floor: what they show is gone, or has been seen only once."""
     rows, cols = grid.frame.to_cell(*surfaces.points.T)
     inside = (
@@ -127,17 +98,12 @@ def picture_floor(grid: OccupancyGrid) -> Floor:
     return _floor(grid, surfaces, views)
 
 
-def _floor(grid: OccupancyGrid, surfaces: WallPieces, views: list[View]) -> Floor:
+def _floor(grid: OccupancyGrid, surfaces: OrientedPoints, views: list[View]) -> Floor:
     rich = [view for view in views if len(view.surfaces.points) >= FEW_SURFACES]
     return Floor(grid, surfaces, tuple(rich))
 
 
-def joined_pieces(parts: list[WallPieces]) -> WallPieces:
-    """Some surfaces as one."""
-    return WallPieces(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
-
-
-def _thinned(surfaces: WallPieces) -> WallPieces:
+def _thinned(surfaces: OrientedPoints) -> OrientedPoints:
     """One piece a cell and direction of its side."""
     points, sides = surfaces
     faces = [face_of(x, y) for x, y in sides[:, :2].tolist()]
@@ -146,14 +112,14 @@ def _thinned(surfaces: WallPieces) -> WallPieces:
     return surfaces.at(kept)
 
 
-def _view(pose: FloatArray, surfaces: WallPieces) -> View:
+def _view(pose: FloatArray, surfaces: OrientedPoints) -> View:
     """What of some surfaces lies near a pose (3,)."""
     away = np.hypot(*(surfaces.points - pose[:2]).T)
     near = surfaces.at(away < VIEW_REACH)
     return View(pose, near.placed(seen_from(pose, np.zeros(3))))
 
 
-def picture_surfaces(grid: OccupancyGrid) -> WallPieces:
+def picture_surfaces(grid: OccupancyGrid) -> OrientedPoints:
     """Occupied cells next to free ones, once for each side that is free, and the walls' normals to that side."""
     import cv2
 
@@ -171,27 +137,22 @@ def picture_surfaces(grid: OccupancyGrid) -> WallPieces:
     # A thin wall with floor on both sides has no slope: its sides are those of its cells.
     is_clear = (normals * sides[:, :2]).sum(axis=1) > 0.5 * np.maximum(steepness, LEAST_SLOPE)
     sides[is_clear, :2] = normals[is_clear] / steepness[is_clear, None]
-    return WallPieces(points, sides)
+    return OrientedPoints(points, sides)
 
 
 def draw_submaps(graph: MapGraph) -> list[Submap]:
     """The submaps of a graph, from its scans."""
     submaps = []
     for drive in graph.drives:
-        beams = plain(drive.beams)
-        mount = np.array(drive.geometry.mount[:2])
         nodes = drive.nodes
-        clouds = [usable_end_points(ranges, beams, MATCH_RANGE) for ranges in drive.ranges]
+        beams = drive.beams
         reach = min(drive.config.max_usable_range, MATCH_RANGE) + 3.0
-        own = graph.submaps[
-            (graph.submaps[:, 0] >= nodes.start) & (graph.submaps[:, 0] < nodes.stop)
-        ]
-        for first, end in own.tolist():
+        for first, end in graph.submaps[drive.owns(graph.submaps[:, 0])].tolist():
             submap = Submap(first, reach)
             for node in range(first, end):
-                points = clouds[node - nodes.start]
                 pose = seen_from(graph.poses[first], graph.poses[node])
-                submap.add(pose, points, sides_of(points, mount))
+                ranges = drive.ranges[node - nodes.start]
+                submap.add(pose, oriented_scan(ranges, beams, MATCH_RANGE))
             submap.close()
             submaps.append(submap)
     return submaps

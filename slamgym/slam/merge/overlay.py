@@ -10,15 +10,14 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from slamgym.core.geometry import wrap_angle
 from slamgym.core.jit import kernel
 from slamgym.core.portable import inverted
 from slamgym.core.types import FREE, ByteArray, Float32Array, FloatArray, IntArray
 from slamgym.slam.branch_and_bound import face_of
 from slamgym.slam.graph.alignment import AlignmentTarget
-from slamgym.slam.graph.relative import match_with, moved_by, seen_from
-from slamgym.slam.graph.submaps import SUBMAP_CELL, Submap
-from slamgym.slam.merge.floor import Floor, WallPieces, joined_pieces
+from slamgym.slam.graph.relative import WEAK, is_within, moved_by, seen_from, weigh_match
+from slamgym.slam.graph.submaps import SUBMAP_CELL, OrientedPoints, known_submap
+from slamgym.slam.merge.floor import Floor
 from slamgym.slam.merge.joint import MOST_MOVED
 
 FIELD_BORDER = 1.0
@@ -89,26 +88,20 @@ class FloorFields:
 
     @cached_property
     def _target(self) -> AlignmentTarget:
-        points, sides = self.floor.surfaces
-        reach = float(np.hypot(points[:, 0], points[:, 1]).max()) + FIELD_BORDER
-        submap = Submap(0, reach)
-        submap.add(np.zeros(3), points, sides)
-        submap.close()
+        submap = known_submap(self.floor.surfaces, np.zeros(3))
         return AlignmentTarget([submap], np.zeros((1, 3)))
 
-    def align(self, surfaces: WallPieces, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def align(self, surfaces: OrientedPoints, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The pose (3,) near a given one at which some surfaces in its frame lie best on this floor's walls.
 
         Returns:
             The pose, and its covariance (3, 3).
         """
-        unknown = np.zeros((3, 3))
-        placed = self._target.align(surfaces.points, surfaces.sides, pose, pose, unknown)
-        sums = placed.equations.sums[0]
-        match = match_with(np.zeros((1, 3)), 0, 0, placed.pose, sums, 1)
-        return placed.pose, inverted(match.information + np.eye(3))
+        placed = self._target.align_freely(surfaces, pose)
+        _, information = weigh_match(placed.equations.sums[0], 0.0, 1, WEAK)
+        return placed.pose, inverted(information + np.eye(3))
 
-    def bent(self, other: Floor, pose: FloatArray) -> WallPieces:
+    def bent(self, other: Floor, pose: FloatArray) -> OrientedPoints:
         """The surfaces of another floor about where a pose (3,) lays it: those nearest to a view are moved with it."""
         if not other.views:
             return other.surfaces.placed(pose)
@@ -118,15 +111,14 @@ class FloorFields:
         for number, view in enumerate(other.views):
             expected = moved_by(pose, view.pose)
             place, _ = self.align(view.surfaces, expected)
-            moved = np.abs(place - expected)
-            if max(moved[:2]) > MOST_MOVED[0] or abs(wrap_angle(moved[2])) > MOST_MOVED[1]:
+            if not is_within(place, expected, MOST_MOVED):
                 place = expected
             own = other.surfaces.at(nearest == number)
             parts.append(own.placed(moved_by(place, seen_from(view.pose, np.zeros(3)))))
         # All pieces are kept: as many metres count as in a rigid picture.
-        return joined_pieces(parts)
+        return OrientedPoints.joined(parts)
 
-    def compare(self, surfaces: WallPieces, tolerance: int, tells_walls: bool) -> FloatArray:
+    def compare(self, surfaces: OrientedPoints, tolerance: int, tells_walls: bool) -> FloatArray:
         """Metres (4,) of surfaces as for :func:`agreement`."""
         near = self._near[tolerance]
         states = lay_surfaces(*surfaces, near, self._ground, self._corner, self._cell)
@@ -135,10 +127,10 @@ class FloorFields:
         walls, in_line = self._count_walls(surfaces, states) if tells_walls and stands else (0, 0)
         return SUBMAP_CELL * np.array([agreed, walls, stands - walls, in_line])
 
-    def _count_walls(self, surfaces: WallPieces, states: ByteArray) -> tuple[int, int]:
+    def _count_walls(self, surfaces: OrientedPoints, states: ByteArray) -> tuple[int, int]:
         """Number of surfaces in the open that are parts of walls, and of those in line with walls that agree."""
         cells = np.floor((surfaces.points - self._corner) / self._cell)
-        agreed = WallPieces(cells, surfaces.sides).at(states == AGREES)
+        agreed = OrientedPoints(cells, surfaces.sides).at(states == AGREES)
         is_free = (states > 0) & (states < AGREES)
         free = cells[is_free]
         is_open = states[is_free] == OPEN
@@ -157,12 +149,12 @@ class FloorFields:
             walls += in_open
             heading = math.radians(angle if sides[0] >= sides[1] else angle + 90.0)
             seen = agreed.placed(seen_from(np.array([*middle, heading]), np.zeros(3)))
-            if goes_on(WallPieces(self._cell * seen.points, seen.sides), 0.5 * length):
+            if goes_on(OrientedPoints(self._cell * seen.points, seen.sides), 0.5 * length):
                 in_line += in_open
         return walls, in_line
 
 
-def goes_on(surfaces: WallPieces, end: float) -> bool:
+def goes_on(surfaces: OrientedPoints, end: float) -> bool:
     """Whether surfaces go on in line with a wall that lies on the x axis from ``-end`` to ``end`` [m]."""
     x, y = surfaces.points.T
     steps = np.floor((np.abs(x) - end) / SUBMAP_CELL)

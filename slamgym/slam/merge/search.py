@@ -9,13 +9,13 @@ import math
 import numpy as np
 
 from slamgym.core.types import ByteArray, FloatArray
-from slamgym.slam.branch_and_bound import HIT, search_blocks, turned_cells
+from slamgym.slam.branch_and_bound import HIT
 from slamgym.slam.graph.alignment import FACES
-from slamgym.slam.graph.matching import SEARCH_POINTS, heading_step, score_levels
+from slamgym.slam.graph.matching import score_levels, searched_part
 from slamgym.slam.graph.relative import moved_by, seen_from
-from slamgym.slam.graph.submaps import SUBMAP_CELL
-from slamgym.slam.localization.global_search import HEADING_STEPS, is_same
-from slamgym.slam.merge.floor import VIEW_REACH, Floor, View, WallPieces
+from slamgym.slam.graph.submaps import SUBMAP_CELL, OrientedPoints
+from slamgym.slam.localization.global_search import distinct_poses, search_everywhere
+from slamgym.slam.merge.floor import VIEW_REACH, Floor, View
 
 SEARCH_LEVELS = 6
 """The largest blocks of a search have sides of 32 cells."""
@@ -34,47 +34,27 @@ class SearchedFloor:
     def __init__(self, floor: Floor) -> None:
         border = math.ceil(VIEW_REACH / SUBMAP_CELL) + 2
         cells = np.floor(floor.surfaces.points / SUBMAP_CELL).astype(np.int64)
+        self._size = np.ptp(cells, axis=0)[::-1] + 1
         low = cells.min(axis=0) - border
         cols, rows = (cells - low).T
-        self._size = cells.max(axis=0) - cells.min(axis=0) + 1
-        width, height = self._size + 2 * border
-        faces: ByteArray = np.zeros((FACES, height, width), np.uint8)
+        faces: ByteArray = np.zeros((FACES, *(self._size + 2 * border)), np.uint8)
         for face, is_seen in enumerate(floor.surfaces.seen_by_face()):
             faces[face, rows[is_seen], cols[is_seen]] = 1
         self._levels = score_levels(faces, SEARCH_LEVELS)
         self._first = low * SUBMAP_CELL + (border + 0.5) * SUBMAP_CELL  # place of offset 0 [m]
         self._origin = np.full(2, (border + 0.5) * SUBMAP_CELL)
 
-    def find(self, surfaces: WallPieces) -> list[FloatArray]:
+    def find(self, surfaces: OrientedPoints) -> list[FloatArray]:
         """The best poses (3,) of a view's surfaces, the best first."""
-        stride = max(1, len(surfaces.points) // SEARCH_POINTS)
-        points = np.ascontiguousarray(surfaces.points[::stride])
-        sides = np.ascontiguousarray(surfaces.sides[::stride])
-        step = heading_step(points, *HEADING_STEPS)
-        count = math.ceil(2.0 * math.pi / step)
-        headings = np.linspace(-math.pi, math.pi, count, endpoint=False)
+        seen = searched_part(surfaces)
+        margin = int(VIEW_MARGIN * HIT * len(seen.points))
         face_width = self._levels.shape[2] // FACES
-        us, vs = turned_cells(points, sides, headings, self._origin, face_width)
         everywhere = self._levels[:0]
-        width, height = self._size.tolist()
-        margin = int(VIEW_MARGIN * HIT * len(points))
-        nowhere = (0.0, 0.0, 0.0)
-        last = (width - 1, height - 1)
-        found = search_blocks(self._levels, everywhere, us, vs, 0, last, 0, margin + 1, nowhere)
-        ranked = found[np.argsort(-found[:, 3], kind="stable")]
-        best = ranked[ranked[:, 3] >= ranked[:1, 3].max(initial=0.0) - margin]
-        places = self._first + best[:, :2] * SUBMAP_CELL
-        numbers = best[:, 2].astype(np.int64)
-        return distinct_poses(np.column_stack([places, headings[numbers]]), PLACES_OF_A_VIEW)
-
-
-def distinct_poses(poses: FloatArray, most: int) -> list[FloatArray]:
-    """Those of some poses (n, 3), the best first, that aren't the same as one before."""
-    kept: list[FloatArray] = []
-    while len(poses) and len(kept) < most:
-        kept.append(poses[0])
-        poses = poses[~is_same(poses, poses[0])]
-    return kept
+        cells, headings = search_everywhere(
+            self._levels, everywhere, seen, self._origin, face_width, self._size.tolist(), margin
+        )
+        places = self._first + cells * SUBMAP_CELL
+        return distinct_poses(np.column_stack([places, headings]), PLACES_OF_A_VIEW)
 
 
 def find_transforms(first: Floor, second: Floor) -> list[FloatArray]:

@@ -1,12 +1,14 @@
 """A graph of many drives stays as large as its building: what enough newer drives show again is taken out."""
 
+from typing import Any
+
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from slamgym.core.types import UNKNOWN, BoolArray, FloatArray, IntArray
+from slamgym.core.types import UNKNOWN, BoolArray, FloatArray
 from slamgym.slam.graph.map_graph import DriveScans, MapGraph, drawn_poses
-from slamgym.slam.graph.relative import seen_from
+from slamgym.slam.graph.relative import Match, seen_from
 from slamgym.slam.graph.solver import Edges
 from slamgym.slam.hit_counts import HitCountMap
 
@@ -28,7 +30,7 @@ def thinned(graph: MapGraph) -> MapGraph:
     is_kept = np.ones(len(graph.submaps), dtype=bool)
     for drive in reversed(graph.drives):
         day = np.zeros(seen.shape, dtype=bool)
-        for number in _submaps_of(drive, graph.submaps):
+        for number in np.flatnonzero(drive.owns(graph.submaps[:, 0])).tolist():
             first, end = graph.submaps[number].tolist()
             cells = _known(graph, drive, slice(first, end), whole)
             needless = (seen[cells] >= KEPT_DRIVES) | day[cells]
@@ -38,11 +40,6 @@ def thinned(graph: MapGraph) -> MapGraph:
                 day |= cells
         seen += day
     return _reduced(graph, is_kept)
-
-
-def _submaps_of(drive: DriveScans, submaps: IntArray) -> list[int]:
-    firsts = submaps[:, 0]
-    return np.flatnonzero((firsts >= drive.nodes.start) & (firsts < drive.nodes.stop)).tolist()
 
 
 def _known(graph: MapGraph, drive: DriveScans, nodes: slice, whole: HitCountMap) -> BoolArray:
@@ -67,16 +64,10 @@ def _reduced(graph: MapGraph, is_kept: BoolArray) -> MapGraph:
             first = int(numbers[drive.first + int(np.argmax(own))])
             kept = drive._replace(first=first, stamps=drive.stamps[own], ranges=drive.ranges[own])
             drives.append(kept)
-    old = graph.edges
-    between = stays[old.first] & stays[old.second]
-    edges = Edges(
-        first=numbers[old.first[between]],
-        second=numbers[old.second[between]],
-        measured=old.measured[between],
-        information=old.information[between],
-        design=old.design[between],
-        width=old.width[between],
-    )
+    between = stays[graph.edges.first] & stays[graph.edges.second]
+    columns: list[Any] = [column[between] for column in graph.edges]
+    edges = Edges(*columns)
+    edges = edges._replace(first=numbers[edges.first], second=numbers[edges.second])
     submaps = graph.submaps[is_kept]
     poses = graph.poses[stays]
     ends = np.column_stack([numbers[submaps[:, 0]], numbers[submaps[:, 1] - 1] + 1])
@@ -90,24 +81,17 @@ def _held(edges: Edges, poses: FloatArray, drives: list[DriveScans]) -> Edges:
     is_tied[edges.first[edges.second == edges.first + 1]] = True
     starts = [drive.first for drive in drives]
     gaps = np.setdiff1d(np.flatnonzero(~is_tied[:-1]), np.array(starts) - 1)
-    edges = _with_gaps(edges, poses, np.column_stack([gaps, gaps + 1]))
+    edges = _tied(edges, poses, [(gap, gap + 1) for gap in gaps.tolist()])
     links = coo_array((np.ones(len(edges.first)), (edges.first, edges.second)), (count, count))
     _, parts = connected_components(links, directed=False)
-    loose = [(0, start) for start in starts if parts[start] != parts[0]]
-    return _with_gaps(edges, poses, np.array(loose, dtype=np.int64).reshape(-1, 2))
+    return _tied(edges, poses, [(0, start) for start in starts if parts[start] != parts[0]])
 
 
-def _with_gaps(edges: Edges, poses: FloatArray, ends: IntArray) -> Edges:
-    """Edges, and further ones that hold two nodes (n, 2) each as they lie."""
-    count = len(ends)
-    measured = [seen_from(poses[first], poses[second]) for first, second in ends.tolist()]
+def _tied(edges: Edges, poses: FloatArray, pairs: list[tuple[int, int]]) -> Edges:
+    """Edges, and further ones that hold pairs of nodes as they lie."""
     information = np.diag(1.0 / np.square(KEPT_SHAPE))
-    more = Edges(
-        first=ends[:, 0],
-        second=ends[:, 1],
-        measured=np.array(measured).reshape(-1, 3),
-        information=np.tile(information, (count, 1, 1)),
-        design=np.zeros((count, 3, 3)),
-        width=np.full(count, np.inf),
-    )
-    return Edges(*(np.concatenate(pair) for pair in zip(edges, more, strict=True)))
+    ties = [
+        Match(first, second, seen_from(poses[first], poses[second]), information)
+        for first, second in pairs
+    ]
+    return edges.joined(Edges.of(ties, np.inf))

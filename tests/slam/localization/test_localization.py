@@ -10,8 +10,7 @@ from slamgym.core.types import FREE, UNKNOWN, LaserGeometry, OccupancyGrid, Pose
 from slamgym.metrics.trajectory import relative_poses
 from slamgym.sim.raycast import cast_rays
 from slamgym.slam.config import LocalizationConfig, SlamConfig
-from slamgym.slam.end_points import usable_end_points
-from slamgym.slam.graph.submaps import sides_of
+from slamgym.slam.graph.submaps import oriented_scan
 from slamgym.slam.graph.wheels import WheelCalibration
 from slamgym.slam.hit_count_kernels import BeamTable
 from slamgym.slam.localization.global_search import is_same
@@ -166,8 +165,8 @@ def test_a_wrong_scale_of_the_odometry_is_learned_from_the_map(scale):
         motions = relative_poses(truth[first : first + 3], truth[first + 1 : first + 4])
         step = wheels.step(motions * [scale, scale, 1.0])
         place.move(step, wheels.variances(step.slips))
-        points = usable_end_points(log.records[first + 3].scan.ranges, beams, np.inf)
-        place.align(known.surfaces, points, sides_of(points, np.zeros(2)))
+        ranges = log.records[first + 3].scan.ranges
+        place.align(known.surfaces, oriented_scan(ranges, beams, np.inf))
         assert np.hypot(*(place.pose - truth[first + 3])[:2]) < 0.1
     # What is measured times 1 plus the error is the way: learned at least in part, and not away from it.
     assert place.systematic[0] == pytest.approx(1.0 / scale - 1.0, abs=0.6 * abs(1.0 / scale - 1.0))
