@@ -20,11 +20,11 @@ from slamgym.core.types import FloatArray, OccupancyGrid, Pose2D
 from slamgym.drawing.comparison.faces import map_evidence, plan_walls
 from slamgym.drawing.edits import THICKEST_ADDED_WALL, Correction, Corrections, map_digest
 from slamgym.drawing.openings import INTO_WALLS
+from slamgym.drawing.settings import USUAL_CELL
 
-STRAY = 0.1
-"""Walls that are taken away are so much thicker on another map: it draws them 5 cm beside their place [m]."""
 SAME_ROOM = 0.5
-"""A room keeps its id where it shares so much of the smaller one's area with the former room."""
+"""A room keeps its id where it shares so much of the smaller one's area with the former room, and has the name of what
+covers more of it: then no other can."""
 
 
 def carried_over(corrections: Corrections, grid: OccupancyGrid) -> Corrections:
@@ -79,7 +79,8 @@ def _moved(corrections: Corrections, by: Pose2D, doubts: tuple[str, ...]) -> Cor
 
 def _thickness(entry: Correction) -> float:
     """Of the wall of a correction, on another map [m]."""
-    stray = STRAY if entry.kind == "remove_wall" else 0.0
+    # Another map draws a wall a cell beside its place.
+    stray = 2.0 * USUAL_CELL if entry.kind == "remove_wall" else 0.0
     return min(entry.thickness + stray, THICKEST_ADDED_WALL)
 
 

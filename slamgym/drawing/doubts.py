@@ -8,29 +8,23 @@ import shapely
 from slamgym.core.progress import counted
 from slamgym.core.types import FREE, OccupancyGrid
 from slamgym.drawing.drawing import Drawing
+from slamgym.drawing.questions import MOST_ASKED
+from slamgym.drawing.settings import SEEN_SHARE
 from slamgym.metrics.maps import distance_to
 from slamgym.metrics.wall_direction import WallDirection
 
 CLEARANCES = (0.35, 4.0)
 """Between these lies, in each of 117 maps, what a tenth of the free floor is farther from all that isn't free [m]."""
-SMALLEST_FLOOR = 8.0
-"""A map of a building shows more floor than this [m2]."""
 MUCH_UNSEEN = 0.15
 """Share of the floor."""
-MUCH_INFERRED = 0.5
-"""Share of the walls' length."""
 MUCH_LEFT_OUT = 0.02
 """Share of the seen floor that isn't left out without a word. Of 57 real maps 16 lose more besides named patches."""
-MOST_LEFT_OUT = 5
-"""Patches of seen floor that are named."""
 
 
 def find_doubts(drawing: Drawing, direction: WallDirection | None) -> Iterator[str]:
     """One sentence for each doubt. The direction of the walls is None if it was given rather than found."""
     clearance = widest_clearance(drawing.grid)
-    if drawing.area < SMALLEST_FLOOR:
-        yield f"scale doubtful: the whole floor measures {drawing.area:.1f} m2; check the resolution"
-    elif not CLEARANCES[0] <= clearance <= CLEARANCES[1]:
+    if not CLEARANCES[0] <= clearance <= CLEARANCES[1]:
         yield (
             f"scale doubtful: a tenth of the floor is more than {clearance:.2f} m from all walls and furniture, in "
             f"buildings that is {CLEARANCES[0]:g} to {CLEARANCES[1]:g} m; check the resolution"
@@ -47,13 +41,13 @@ def find_doubts(drawing: Drawing, direction: WallDirection | None) -> Iterator[s
         yield f"{unseen / drawing.area:.0%} of the floor was never observed; it is in the layer INFERRED"
     if drawing.is_half:
         yield "less than half of the seen floor is drawn; compare the drawing with its map"
-    for part in drawing.left_out[:MOST_LEFT_OUT]:
+    for part in drawing.left_out[:MOST_ASKED]:
         place = part.representative_point()
         yield (
             f"{part.area:.1f} m2 of seen floor around ({place.x:.1f}, {place.y:.1f}) aren't drawn: walls close in too "
             "little of them"
         )
-    rest = drawing.left_out_area - sum(part.area for part in drawing.left_out[:MOST_LEFT_OUT])
+    rest = drawing.left_out_area - sum(part.area for part in drawing.left_out[:MOST_ASKED])
     if rest > MUCH_LEFT_OUT * drawing.seen_area:
         yield (
             f"{rest:.1f} m2 of seen floor, in strips and small patches, aren't drawn; compare the drawing with its map"
@@ -67,7 +61,7 @@ def find_doubts(drawing: Drawing, direction: WallDirection | None) -> Iterator[s
         )
     length = sum(wall.length for wall in drawing.walls)
     inferred = sum(wall.length for wall in drawing.walls if wall.layer == "INFERRED")
-    if inferred > MUCH_INFERRED * length:
+    if inferred > (1.0 - SEEN_SHARE) * length:
         yield f"{inferred / length:.0%} of the walls' length is inferred: few walls were seen"
     if len(drawing.floor.geoms) > 1:
         yield f"the floor falls into {len(drawing.floor.geoms)} parts that no opening joins"

@@ -12,13 +12,12 @@ import cv2
 import numpy as np
 
 from slamgym.core.types import FloatArray
+from slamgym.drawing.settings import SAME_DIRECTION, USUAL_CELL
 
 FREE_AXIS = -1
 """Axis of an edge that keeps its own direction."""
 TOLERANCE = 0.045
 """An outline strays from its straight lines by at most this, or by a cell where that is more [m]."""
-SNAP = 0.05
-"""A line is turned to a main axis where that moves its ends by at most this [m]."""
 MERGE = 0.06
 """Steps in a wall of at most this are the map's, not the wall's [m]."""
 CHAMFER = 0.2
@@ -26,8 +25,6 @@ CHAMFER = 0.2
 rule drawings have 6 % more vertices."""
 FEW_FACE_POINTS = 6
 """A face of so many points has no straight middle to fit; without this rule doors of exact floors are 2 cm too wide."""
-MIN_CROSSING = math.sin(math.radians(8.0))
-"""Lines that cross at less than this have no well defined corner."""
 
 
 @dataclass(frozen=True)
@@ -99,12 +96,12 @@ def _fitted(run: np.ndarray, axis: complex) -> Edge:
 
 
 def _snapped(direction: complex, length: float, axis: complex) -> tuple[int, complex]:
-    """Which axis an edge of this direction and length runs along, and its direction then."""
+    """Which axis an edge of this direction and length runs along, its ends moved by a cell, and its direction then."""
     turn = cmath.phase(direction * axis.conjugate()) / (0.5 * math.pi)
     quarters = round(turn)
     angle = 0.5 * math.pi * abs(turn - quarters)
     is_near = angle < math.radians(40.0)
-    if is_near and 0.5 * length * math.tan(angle) <= SNAP:
+    if is_near and 0.5 * length * math.tan(angle) <= USUAL_CELL:
         return quarters % 2, axis * 1j**quarters
     return FREE_AXIS, direction
 
@@ -123,9 +120,9 @@ def projected(edge: Edge, point: complex) -> complex:
 
 
 def crossing(first: Edge, second: Edge) -> complex | None:
-    """Where two lines cross; None if they hardly do."""
+    """Where two lines cross; None if they run alike, for then their corner isn't well defined."""
     turn = first.direction.conjugate() * second.direction
-    if abs(turn.imag) < MIN_CROSSING:
+    if abs(turn.imag) < math.sin(SAME_DIRECTION):
         return None
     along = (first.offset * turn.real - second.offset) / turn.imag
     return along * first.direction + first.offset * 1j * first.direction

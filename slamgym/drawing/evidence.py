@@ -25,16 +25,12 @@ from slamgym.core.types import (
 )
 from slamgym.drawing.contours import trace_outlines
 from slamgym.drawing.polygons import SMALLEST_HOLE
-from slamgym.drawing.settings import SMALLEST_ROOM
+from slamgym.drawing.settings import DRAWN_DOORS, SMALLEST_ROOM, USUAL_CELL
 from slamgym.drawing.walls import WallPiece
 from slamgym.metrics.maps import distance_to
 
 SEEN_WITHIN = 0.15
 """A piece of wall was seen if the map has an occupied cell within this, which is then the wall's [m]."""
-STEP = 0.05
-"""Between two places on a face that are looked at [m]."""
-NARROWEST_LEFT_OUT = 0.5
-"""Seen floor is left out where a disc of this diameter fits in [m]."""
 HIDDEN_DEPTHS = (0.1, 0.2, 0.35)
 """Distances from a wall's other face at which the space behind it is looked at [m]."""
 
@@ -63,8 +59,8 @@ class Evidence:
 
 
 def _places(piece: WallPiece, depths: list[float]) -> FloatArray:
-    """Where a wall is looked at: N places along it, :data:`STEP` apart, at depths D behind its face, (D, N, 2) [m]."""
-    count = max(2, math.ceil(piece.length / STEP))
+    """Where a wall is looked at: N places along it, a cell apart, at depths D behind its face, (D, N, 2) [m]."""
+    count = max(2, math.ceil(piece.length / USUAL_CELL))
     shares = (np.arange(count) + 0.5) / count
     places = [piece.places(shares, depth) for depth in depths]
     return np.stack(places)
@@ -130,8 +126,8 @@ def undrawn_cells(floor: MultiPolygon, seen: BoolArray, frame: GridFrame) -> Boo
 
 
 def left_out_floor(lost: BoolArray, frame: GridFrame) -> list[Polygon]:
-    """Patches of seen floor that isn't drawn, (H, W), the largest first; without what is narrow or small."""
-    half = 0.5 * NARROWEST_LEFT_OUT / frame.resolution
+    """Patches of seen floor that isn't drawn, (H, W), the largest first; none narrower than a door, and none small."""
+    half = 0.5 * DRAWN_DOORS[0] / frame.resolution
     wide = distance_to(distance_to(~np.pad(lost, 1)) > half) <= half
     patches = cell_polygons(wide[1:-1, 1:-1] & lost, frame, SMALLEST_ROOM)
     return sorted(patches, key=lambda patch: -patch.area)

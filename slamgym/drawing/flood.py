@@ -3,7 +3,6 @@
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from slamgym.core.jit import assign, kernel
 from slamgym.core.types import BoolArray, FloatArray, GridFrame, IntArray
@@ -16,10 +15,8 @@ HALF_LINE = 0.71
 """Half of a line's thickness: no step to one of eight neighbours leaps over it [cells]."""
 BESIDE_LINE = 1.5
 """The flood begins so far to its sides [cells]."""
-WORD = 64
-"""Cells of a row that one number holds, a bit each, the first the lowest."""
-
-WordArray = NDArray[np.uint64]
+WORD = 56
+"""Cells of a row that one number holds, a bit each, the first the lowest: whole bytes, none of them the sign's."""
 
 
 class Flood(NamedTuple):
@@ -47,7 +44,9 @@ def limited_flood(
     steps = np.round(np.array(REACHES) / cell).astype(np.int64)
     margins = ((1, 1), (1, WORD - (free.shape[1] + 1) % WORD))  # to whole words
     clear = np.pad(clearance, margins)
-    words = np.packbits(np.pad(free, margins), axis=1, bitorder="little").view(np.uint64)
+    bits = np.pad(free, margins).reshape(len(clear), -1, WORD)
+    octets = np.pad(np.packbits(bits, axis=2, bitorder="little"), ((0, 0), (0, 0), (0, 1)))
+    words = octets.view(np.int64)[..., 0]
     clearest = clear.reshape(len(clear), -1, WORD).max(axis=2)
     count, widest, shared = _flood_all(
         np.ascontiguousarray(columns_and_rows), words, clear, clearest, steps, SEAL / cell
@@ -60,7 +59,7 @@ def limited_flood(
 @kernel
 def _flood_all(
     lines: FloatArray,
-    free: WordArray,
+    free: IntArray,
     clearance: FloatArray,
     clearest: FloatArray,
     steps: IntArray,
@@ -82,13 +81,10 @@ def _flood_all(
         left = max(0, int(lines[n, :, 0].min()) - margin) // WORD
         line = lines[n] - np.array([left * WORD, top], np.float64)
         window = free[top : top + side, left : left + wide].copy()
-        for row in range(len(window)):  # nothing runs round from one row's end to the next one
-            window[row, 0] &= ~np.uint64(1)
-            window[row, -1] &= ~(np.uint64(1) << np.uint64(WORD - 1))
         _close(line, window, seal)
         near = clearance[top : top + side, left * WORD : (left + wide) * WORD]
         bounds = clearest[top : top + side, left : left + wide]
-        unreached = np.empty((2, last, window.size), np.uint64)
+        unreached = np.empty((2, last, window.size), np.int64)
         for k in range(2):
             _walk(line, k, window, steps, unreached[k])
             wide_so_far = 0.0
@@ -102,22 +98,22 @@ def _flood_all(
 
 
 @kernel
-def _count(free: WordArray, one: WordArray, other: WordArray) -> int:
+def _count(free: IntArray, one: IntArray, other: IntArray) -> int:
     """How many free cells are in neither of two: sums of pairs of bits, of pairs of these, and so on."""
-    total = np.uint64(0)
+    total = 0
     for i in range(free.size):
         word = free.flat[i] & ~one[i] & ~other[i]
-        twos = word - ((word >> np.uint64(1)) & np.uint64(0x5555555555555555))
-        upper = (twos >> np.uint64(2)) & np.uint64(0x3333333333333333)
-        fours = (twos & np.uint64(0x3333333333333333)) + upper
-        eights = (fours + (fours >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
-        total += (eights * np.uint64(0x0101010101010101)) >> np.uint64(56)
-    return int(total)
+        twos = word - ((word >> 1) & 0x5555555555555555)
+        upper = (twos >> 2) & 0x3333333333333333
+        fours = (twos & 0x3333333333333333) + upper
+        eights = (fours + (fours >> 4)) & 0x0F0F0F0F0F0F0F0F
+        total += (eights * 0x0101010101010101) >> 56
+    return total
 
 
 @kernel
 def _find_widest(
-    clearance: FloatArray, clearest: FloatArray, free: WordArray, unreached: WordArray, least: float
+    clearance: FloatArray, clearest: FloatArray, free: IntArray, unreached: IntArray, least: float
 ) -> float:
     """The largest clearance of cells that were reached, ``least`` at least; ``clearest`` is that of whole words."""
     rows, cols = free.shape
@@ -126,7 +122,7 @@ def _find_widest(
             word = free[row, at] & ~unreached[row * cols + at]
             if word and clearest[row, at] > least:
                 for bit in range(WORD):
-                    if (word >> np.uint64(bit)) & np.uint64(1):
+                    if (word >> bit) & 1:
                         least = max(least, clearance[row, at * WORD + bit])
     return least
 
@@ -143,7 +139,7 @@ def _place(line: FloatArray, length: float, row: Any, col: Any) -> tuple[float, 
 
 
 @kernel
-def _close(line: FloatArray, free: WordArray, seal: float) -> None:
+def _close(line: FloatArray, free: IntArray, seal: float) -> None:
     """Take the cells of a line from the free ones."""
     length = np.hypot(line[1, 0] - line[0, 0], line[1, 1] - line[0, 1])
     margin = HALF_LINE + seal + 1.0
@@ -153,11 +149,11 @@ def _close(line: FloatArray, free: WordArray, seal: float) -> None:
         for col in range(*cols):
             along, aside = _place(line, length, row, col)
             if abs(aside) <= HALF_LINE and -seal <= along <= length + seal:
-                free[row, col // WORD] &= ~(np.uint64(1) << np.uint64(col % WORD))
+                free[row, col // WORD] &= ~(1 << col % WORD)
 
 
 @kernel
-def _begin(line: FloatArray, side: int, free: WordArray, reached: WordArray) -> tuple[int, int]:
+def _begin(line: FloatArray, side: int, free: IntArray, reached: IntArray) -> tuple[int, int]:
     """Set the bits of the free cells right beside a line; returns the rows in which they may be."""
     cols = free.shape[1]
     length = np.hypot(line[1, 0] - line[0, 0], line[1, 1] - line[0, 1])
@@ -170,7 +166,7 @@ def _begin(line: FloatArray, side: int, free: WordArray, reached: WordArray) -> 
             is_beside = HALF_LINE < abs(aside) <= HALF_LINE + BESIDE_LINE
             if is_side and is_beside and 0.0 <= along <= length:
                 at = col // WORD
-                bit = np.uint64(1) << np.uint64(col % WORD)
+                bit = 1 << col % WORD
                 reached[row * cols + at] |= free[row, at] & bit
     return rows
 
@@ -183,16 +179,16 @@ def _stretch(places: FloatArray, margin: float, end: int) -> tuple[int, int]:
 
 @kernel
 def _walk(
-    line: FloatArray, side: int, free: WordArray, steps: IntArray, unreached: WordArray
+    line: FloatArray, side: int, free: IntArray, steps: IntArray, unreached: IntArray
 ) -> None:
     """Flood to four neighbours and to eight by turns: circles become octagons, 6 % off at most.
 
     ``unreached``, (R, words): what hasn't been after each number of steps.
     """
     rows, cols = free.shape
-    now = np.zeros(free.size, np.uint64)  # reached in the last step
-    following = np.zeros(free.size, np.uint64)
-    sideways = np.zeros(free.size, np.uint64)
+    now = np.zeros(free.size, np.int64)  # reached in the last step
+    following = np.zeros(free.size, np.int64)
+    sideways = np.zeros(free.size, np.int64)
     top, bottom = _begin(line, side, free, now)
     left = unreached[0]
     for i in range(free.size):
@@ -214,19 +210,19 @@ def _walk(
 
 
 @kernel
-def _spread(now: WordArray, out: WordArray) -> None:
+def _spread(now: IntArray, out: IntArray) -> None:
     """Bits of a stretch that are set, and those to their left and right; ``now`` has a word more at both ends."""
     before = now[:-2]
     here = now[1:-1]
     behind = now[2:]
     for i in range(len(out)):
-        to_right = (here[i] << np.uint64(1)) | (before[i] >> np.uint64(WORD - 1))
-        to_left = (here[i] >> np.uint64(1)) | (behind[i] << np.uint64(WORD - 1))
+        to_right = (here[i] << 1) | (before[i] >> WORD - 1)
+        to_left = (here[i] >> 1) | (behind[i] << WORD - 1)
         out[i] = here[i] | to_right | to_left
 
 
 @kernel
-def _grow(around: WordArray, own: WordArray, left: WordArray, out: WordArray) -> None:
+def _grow(around: IntArray, own: IntArray, left: IntArray, out: IntArray) -> None:
     """Bits that are set in their own row or one beside it, if they are left, which they are no more.
 
     ``around`` has a row more at both ends.

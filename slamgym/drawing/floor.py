@@ -14,7 +14,7 @@ from shapely import MultiPolygon
 from slamgym.core.types import FREE, BoolArray, Float32Array, FloatArray, IntArray, OccupancyGrid
 from slamgym.drawing.evidence import SEEN_WITHIN
 from slamgym.drawing.polygons import straightened
-from slamgym.drawing.settings import SMALLEST_ROOM, THICKEST_WALL
+from slamgym.drawing.settings import NARROWEST_CUT, SMALLEST_ROOM, THICKEST_WALL
 from slamgym.metrics.cleaning import clean_map, without_small
 from slamgym.metrics.layers import MapLayers, without_rays
 from slamgym.metrics.maps import distance_to
@@ -28,8 +28,6 @@ THIN_DEPTH = 0.25
 CLOSED_SEEN = 0.8
 """Share of the border of a patch that was seen near echoes or floor from which on it is closed in. On 30 maps of real
 robots 1.0 % of the seen floor is lost without it, 0.4 % with it."""
-BESIDE_SEEN = 0.1
-"""Cells so near to the free space hold echoes and the faces of walls: the model is right about them [m]."""
 _AROUND = np.ones((3, 3), np.uint8)
 """A cell and its eight neighbours."""
 
@@ -187,12 +185,14 @@ def _thin_walls(seen: BoolArray, rooms: IntArray, cell: float) -> BoolArray:
 def _joining(floor: BoolArray, seen: BoolArray, rooms: IntArray, cell: float) -> BoolArray:
     """Patches of floor that was never seen and doesn't lie at one room alone: it would join rooms.
 
+    Nearer to free space than what parts rooms is thick lie echoes and faces of walls: the model is right about them.
+
     A room behind a wall isn't joined: wall F1 of 8 furnished homes is 0.789 instead of 0.780, real rooms are the same.
     """
-    patches = floor & (distance_to(seen) > BESIDE_SEEN / cell)
+    patches = floor & (distance_to(seen) > NARROWEST_CUT / cell)
     count, labels = cv2.connectedComponents(patches.astype(np.uint8), connectivity=4)
     widened = labels
-    for _ in range(math.ceil(2.0 * BESIDE_SEEN / cell)):
+    for _ in range(math.ceil(2.0 * NARROWEST_CUT / cell)):
         widened = np.where(floor, _widened(widened, 1), 0)
     is_joining = _rooms_beside(widened, rooms, count) != 1
     is_joining[0] = False

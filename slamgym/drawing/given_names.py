@@ -8,12 +8,11 @@ import numpy as np
 
 from slamgym.core.text import printable
 from slamgym.core.types import GridFrame
+from slamgym.drawing.carry_over import SAME_ROOM
 from slamgym.drawing.drawing import Drawing
 from slamgym.drawing.evidence import filled_patch
 from slamgym.interop.valetudo import MapSegment
 
-MOST_OF_ROOM = 0.5
-"""A segment names a room if it covers more than this share of its cells: then no other can."""
 NOT_TYPED = re.compile(r"segment \d+|\W*\d*\W*")
 """Numbers that a robot gives to segments are no names."""
 
@@ -34,7 +33,7 @@ def with_given_names(drawing: Drawing, segments: Sequence[MapSegment], frame: Gr
             room = rooms[number]
             patch = filled_patch(room.polygon, frame)
             share = np.mean(segment.cells[patch.place][patch.inside])
-            if room.name == room.id and share > MOST_OF_ROOM:
+            if room.name == room.id and share > SAME_ROOM:
                 name = re.sub(r"[|`]", "", printable(segment.name)).strip()
                 rooms[number] = replace(room, name=name or room.id)
                 break

@@ -1,6 +1,7 @@
 """Walls that a person says are glass: a laser can't tell."""
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -11,13 +12,9 @@ from shapely import LineString
 from slamgym.drawing.confidence import piece_between
 from slamgym.drawing.drawing import DrawnWall
 from slamgym.drawing.edits import Corrections
-from slamgym.drawing.settings import NARROWEST_CUT
+from slamgym.drawing.evidence import SEEN_WITHIN
+from slamgym.drawing.settings import NARROWEST_CUT, SAME_DIRECTION
 from slamgym.drawing.walls import WallPiece
-
-BESIDE_WALL = 0.15
-"""A line of glass lies no farther from the body of its wall [m]."""
-ALONG_WALL = 0.97
-"""Cosine of the angle up to which it lies along the wall."""
 
 
 def cut_at_glass(pieces: Sequence[WallPiece], corrections: Corrections) -> list[WallPiece]:
@@ -55,8 +52,8 @@ def _is_along(line: LineString, wall: DrawnWall) -> bool:
     (x0, y0), (x1, y1) = line.coords
     along = np.array([x1 - x0, y1 - y0]) / line.length
     own = np.subtract(wall.end, wall.start) / wall.length
-    reach = 0.5 * wall.thickness + BESIDE_WALL
+    reach = 0.5 * wall.thickness + SEEN_WITHIN
     middle = wall.line.centroid
     share = shapely.line_locate_point(line, middle)
     is_beside = 0.0 < share < line.length and line.distance(middle) <= reach
-    return bool(is_beside and abs(along @ own) >= ALONG_WALL)
+    return bool(is_beside and abs(along @ own) >= math.cos(SAME_DIRECTION))

@@ -23,19 +23,16 @@ from slamgym.cad.polygons import polygon_parts
 from slamgym.core.types import FloatArray, IntArray
 from slamgym.drawing.boundaries import WIDEST, line_widths
 from slamgym.drawing.drawing import Segment
-from slamgym.drawing.settings import DRAWN_DOORS, SMALLEST_ROOM
+from slamgym.drawing.edges import MERGE
+from slamgym.drawing.settings import DRAWN_DOORS, SMALLEST_ROOM, THICKEST_WALL
 
 INTO_WALLS = 0.02
 """Lines of doors are drawn so far into the walls, so that they cut; rooms lie so near beside them [m]."""
-LEAST_LOG_ODDS = -3.0
-"""Lines that are less likely are no candidates."""
+DOUBTFUL = 2.0
+"""Boundaries are doubtful if their log odds are no farther from even; lines that are less likely are none."""
 ONE_PASSAGE = 0.35
 """Two lines whose middles are nearer than this share of the narrower one's width lie across one passage. Without this
 rule drawings of 30 maps of real robots have 137 false doors, with it 14."""
-FITTED = 0.5
-"""The jambs of a drawn door lie at most so far from those that were seen [m]."""
-AT_JAMB = 0.06
-"""Corners so near to the end of a door's line are jambs [m]."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +78,7 @@ def likely_gaps(lines: FloatArray, odds: FloatArray) -> list[Gap]:
         odds: Their log odds, (N,).
     """
     order = np.argsort(-odds, kind="stable")
-    order = order[odds[order] >= LEAST_LOG_ODDS]
+    order = order[odds[order] >= -DOUBTFUL]
     lines = lines[order]
     odds = odds[order]
     stays = np.ones(len(lines), np.bool_)
@@ -275,7 +272,7 @@ def _nearest_on_faces(ends: FloatArray, floor: MultiPolygon) -> FloatArray:
     faces = np.asarray(shapely.linestrings(edges))
     corners = np.asarray(shapely.points(edges[:, 0]))
     points = np.asarray(shapely.points(ends))
-    for shapes, most in ((faces, FITTED), (corners, AT_JAMB)):
+    for shapes, most in ((faces, THICKEST_WALL), (corners, MERGE)):
         tree = shapely.STRtree(shapes)
         end, found = tree.query_nearest(points, max_distance=most, all_matches=False)
         lines = shapely.shortest_line(tree.geometries[found], points[end])

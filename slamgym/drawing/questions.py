@@ -10,15 +10,12 @@ from shapely import MultiPolygon, Polygon
 
 from slamgym.drawing.drawing import Question
 from slamgym.drawing.edits import Correction
-from slamgym.drawing.openings import Division, Gap, cut_floor, joined_rooms
+from slamgym.drawing.openings import DOUBTFUL, Division, Gap, cut_floor, joined_rooms
+from slamgym.drawing.revise import SAME_DOOR
 from slamgym.drawing.settings import SMALLEST_ROOM
 
-DOUBTFUL = 2.0
-"""Boundaries are doubtful if their log odds are no farther from even."""
 MOST_ASKED = 5
-"""Questions about one drawing."""
-ANSWERED = 0.5
-"""A correction so near to a boundary's middle has answered the question; nearer boundaries are one question [m]."""
+"""Questions about one drawing, and patches of seen floor that are named."""
 BOUNDARY_KINDS = ("split", "join", "add_door", "no_door")
 """Corrections that say where boundaries are or aren't."""
 
@@ -39,7 +36,7 @@ def doubtful_boundaries(
     doubtful = [pair for pair in all_gaps if abs(pair[0].log_odds) <= DOUBTFUL]
     for gap, is_drawn in sorted(doubtful, key=lambda pair: abs(pair[0].log_odds)):
         middle = gap.line.centroid
-        is_known = any(shape.distance(middle) <= ANSWERED for shape in asked)
+        is_known = any(shape.distance(middle) <= SAME_DOOR for shape in asked)
         if not is_known and (is_drawn or _parts_a_room(gap, division.rooms)):
             found.append(Question(gap.start, gap.end, gap.log_odds, is_drawn))
             asked.append(gap.line)

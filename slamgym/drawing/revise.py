@@ -14,14 +14,10 @@ from slamgym.drawing.drawing import Segment
 from slamgym.drawing.edits import Correction, Corrections
 from slamgym.drawing.openings import INTO_WALLS, Division, Gap, divide, lengthened, onto_faces
 from slamgym.drawing.polygons import NECK, SLIT
-from slamgym.drawing.settings import NARROWEST_CUT, SMALLEST_ROOM, THICKEST_WALL
+from slamgym.drawing.settings import MARGIN, NARROWEST_CUT, SMALLEST_ROOM, THICKEST_WALL
 
 SAME_DOOR = 0.3
 """Boundaries whose ends are so near to each other are one [m]."""
-AROUND = 1.0
-"""A floor is looked at so far around a new boundary [m]."""
-JAMB_REACH = 0.2
-"""The jambs of a person's door are at corners or faces so near to its ends [m]: narrower floor isn't drawn."""
 
 
 class Revised(NamedTuple):
@@ -190,10 +186,10 @@ def _with_wall(
 
 
 def _at_jambs(entry: Correction, floor: BaseGeometry) -> Segment:
-    """A door on the floor with its ends at corners, or else faces, where some are near."""
+    """A door on the floor with its ends at corners, or else faces, if the floor between is too narrow to be drawn."""
     faces = floor.boundary
     corners = shapely.MultiPoint(shapely.get_coordinates(faces))
-    jambs = [(shape, most) for most in (INTO_WALLS, JAMB_REACH) for shape in (corners, faces)]
+    jambs = [(shape, most) for most in (INTO_WALLS, 2.0 * NECK) for shape in (corners, faces)]
     ends = []
     for point in map(Point, entry.line):
         near = [shape for shape, most in jambs if point.distance(shape) <= most]
@@ -293,7 +289,7 @@ class _Crossings:
     def _space_around(self, entry: Correction) -> MultiPolygon:
         """The rooms as far as a line through them can matter: a piece that it covers half of is twice as long."""
         line = lengthened(entry.shape, entry.shape.length, entry.shape.length)
-        around = line.buffer(AROUND)
+        around = line.buffer(MARGIN)
         floor = self._floor.intersection(around)
         own = self._known.same_as(Segment(*entry.line))
         others = [self._gaps[k].cut for k in self._cuts.query(around).tolist() if k not in own]

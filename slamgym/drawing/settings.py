@@ -1,5 +1,7 @@
 """Names and sizes that several steps of a drawing share, and the settings of a comparison. It imports nothing heavy."""
 
+import math
+
 from slamgym.core.config import Positive, Settings
 
 ROBOT_FORMATS = ("keepout.yaml", "route.geojson", "sdf")
@@ -11,6 +13,12 @@ DRAWN_DOORS = (0.55, 1.6)
 1.85 m (:data:`slamgym.metrics.rooms.WIDEST_DOORWAY`)."""
 SMALLEST_ROOM = 1.0
 """Smaller floors and parts of floors aren't drawn by themselves [m2]."""
+USUAL_CELL = 0.05
+"""Cell of usual maps [m]: what is nearer or smaller, such a map can't tell."""
+SAME_DIRECTION = math.radians(8.0)
+"""Lines whose directions differ by no more run alike [rad]."""
+MARGIN = 1.0
+"""What is shown or looked at goes so far beyond what is known, drawn or meant [m]."""
 NARROWEST_CUT = 0.1
 """Least width of what parts two rooms [m]."""
 THICKEST_WALL = 0.5

@@ -15,16 +15,15 @@ import numpy as np
 from slamgym.core.types import OCCUPIED, BoolArray, FloatArray, GridFrame, IntArray, OccupancyGrid
 from slamgym.drawing.evidence import values_at
 from slamgym.drawing.flood import REACHES, limited_flood
+from slamgym.drawing.settings import USUAL_CELL
 from slamgym.metrics.cleaning import fill_furniture
-from slamgym.metrics.layers import MapLayers
+from slamgym.metrics.layers import DOOR_DEPTH, MapLayers
 from slamgym.metrics.maps import distance_to
 from slamgym.metrics.rooms import MAX_NARROWING, NARROWEST_ROOM, WIDEST_DOORWAY, label_rooms
 
 Signs = dict[str, FloatArray]
 """Values of N lines, (N,), by the names of the signs."""
 
-JOINED_UP_TO = 0.05
-"""Finer cells are joined up to this size [m]."""
 PLAIN_WATERSHED = (1.1, 1.0, 1.1)
 """Rooms are what is farther than 0.55 m from everything, and what flows there; cf.
 :func:`~slamgym.metrics.rooms.label_rooms`."""
@@ -43,17 +42,13 @@ BEYOND = ((0.0, 0.3), (0.3, 0.8), (0.8, 1.5))
 """Stretches behind a line's ends in which its wall is looked for [m]."""
 ASIDE = (0.05 * np.arange(-5, 6)).astype(np.float64)
 """A wall may lie so far beside the line that it continues [m]."""
-ON_ECHO = 0.05
-"""Places so near to an occupied cell are on it [m]."""
 DOOR_SIGNS = ("door, least", "door, mean")
 """Those that a network gives."""
-DOOR_REACH = 0.1
-"""The network's layer of doors is looked at so far around a line [m]."""
 
 
 @dataclass(frozen=True)
 class Surroundings:
-    """A map in which lines are looked at, of cells of about :data:`JOINED_UP_TO`."""
+    """A map in which lines are looked at, of cells of about :data:`~slamgym.drawing.settings.USUAL_CELL`."""
 
     frame: GridFrame
     free: BoolArray
@@ -75,7 +70,7 @@ class Surroundings:
             seen: Its free cells that count.
             angle_deg: Direction of the main walls.
         """
-        factor = max(1, math.floor(JOINED_UP_TO / grid.frame.resolution + 1e-6))
+        factor = max(1, math.floor(USUAL_CELL / grid.frame.resolution + 1e-6))
         cell = factor * grid.frame.resolution
         free = _shares(seen, factor) > 0.6
         occupied = _shares(grid.cells == OCCUPIED, factor) > 0.0
@@ -128,7 +123,7 @@ class _Lines(NamedTuple):
 
     def beyond(self, stretch: tuple[float, float], aside: FloatArray) -> FloatArray:
         """Places behind their ends and beside them, (2, N, places, asides, 2)."""
-        steps = np.arange(stretch[0] + 0.5 * JOINED_UP_TO, stretch[1], JOINED_UP_TO)[:, None, None]
+        steps = np.arange(stretch[0] + 0.5 * USUAL_CELL, stretch[1], USUAL_CELL)[:, None, None]
         outward = np.stack([-self.along, self.along])[:, :, None, None]
         ends = self.ends.swapaxes(0, 1)[:, :, None, None]
         return ends + steps * outward + aside[:, None] * self.aside[:, None, None]
@@ -193,7 +188,7 @@ def _walls(lines: _Lines, around: Surroundings) -> Signs:
     """Whether walls go on behind the ends: the best row of echoes nearby, and what isn't free."""
     signs: Signs = {}
     for stretch in BEYOND:
-        rows = around.at(around.to_echo, lines.beyond(stretch, ASIDE), math.inf) <= ON_ECHO
+        rows = around.at(around.to_echo, lines.beyond(stretch, ASIDE), math.inf) <= USUAL_CELL
         solid = around.at(around.free, lines.beyond(stretch, np.zeros(1))) <= 0.0
         name = f"from {stretch[0]} to {stretch[1]} m"
         signs |= _both(f"wall {name}", rows.mean(axis=2).max(axis=2))
@@ -212,7 +207,7 @@ def door_signs(ends: FloatArray, layers: MapLayers, frame: GridFrame) -> Signs:
     What was seen free is free whatever the network says of it, so the probability of a door is that among free cells.
     """
     among_free = layers.door / np.maximum(layers.free, 0.1)
-    side = 2 * round(DOOR_REACH / frame.resolution) + 1
+    side = 2 * round(DOOR_DEPTH / frame.resolution) + 1
     around = cv2.dilate(among_free.astype(np.float32), np.ones((side, side), np.uint8))
     way = ends[:, 1:] - ends[:, :1]
     on_line = values_at(around, frame, ends[:, :1] + ALONG[:, None] * way, 0.0)

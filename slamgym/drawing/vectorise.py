@@ -39,6 +39,7 @@ from slamgym.drawing.revise import revise
 from slamgym.drawing.settings import (
     DEFAULT_MODEL,
     DRAWN_DOORS,
+    MARGIN,
     OUTER_THICKNESS,
     SEEN_SHARE,
     SMALLEST_ROOM,
@@ -46,12 +47,8 @@ from slamgym.drawing.settings import (
 from slamgym.drawing.walls import find_walls
 from slamgym.metrics.wall_direction import find_wall_direction
 
-SMALLEST_DIMENSIONED = 1.5
-"""Rooms below this get no dimension lines [m2]."""
 BESIDE_DOORS = (0.0, 0.5, -0.5, 0.9, -0.9, 1.3, -1.3)
 """Distances of a room's dimension lines from its middle [m], in the order of trial."""
-KNOWN_MARGIN = 1.0
-"""Margin of unknown cells that is kept around the known part [m]."""
 
 
 def make_drawing(
@@ -153,7 +150,7 @@ def known_part(grid: OccupancyGrid) -> OccupancyGrid:
     cols = np.flatnonzero(known.any(axis=0))
     frame = grid.frame
     cell = frame.resolution
-    margin = int(np.ceil(KNOWN_MARGIN / cell))
+    margin = int(np.ceil(MARGIN / cell))
     top = max(int(rows[0]) - margin, 0)
     left = max(int(cols[0]) - margin, 0)
     bottom = rows[-1] + margin + 1
@@ -221,8 +218,6 @@ def _dimensions(
     shapely.prepare(shut)
     found = list[tuple[LineString, str]]()
     for room in rooms:
-        if room.area < SMALLEST_DIMENSIONED:
-            continue
         radius = shapely.maximum_inscribed_circle(room.polygon, tolerance=0.05)
         middle = shapely.get_coordinates(radius)[0]
         for axis in axes:

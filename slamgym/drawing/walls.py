@@ -14,15 +14,12 @@ from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
 from slamgym.core.types import FloatArray
+from slamgym.drawing.edges import TOLERANCE
 from slamgym.drawing.free_space import FreeSpace
-from slamgym.drawing.settings import OUTER_THICKNESS, THICKEST_WALL
+from slamgym.drawing.settings import OUTER_THICKNESS, SAME_DIRECTION, THICKEST_WALL
 
-ANTIPARALLEL = math.cos(math.radians(8.0))
-"""Two faces belong to one wall if their directions differ by no more."""
 SHORTEST = 0.02
 """Pieces shorter than this are no walls [m]."""
-SAME_THICKNESS = 0.04
-"""Pieces of one face whose walls differ by no more are one wall, across what meets it on the other side [m]."""
 
 
 @dataclass(frozen=True)
@@ -74,8 +71,8 @@ class _Stretch(NamedTuple):
     known: bool  # False if there is no other face
 
     def continues(self, other: "_Stretch") -> bool:
-        """True if both are of one wall."""
-        return self.known == other.known and abs(self.thickness - other.thickness) <= SAME_THICKNESS
+        """True if both are of one wall, across what meets it on the other side."""
+        return self.known == other.known and abs(self.thickness - other.thickness) <= TOLERANCE
 
 
 def find_walls(floor: BaseGeometry, whole: bool = True) -> list[WallPiece]:
@@ -141,7 +138,7 @@ class _Faces:
         low = np.maximum(along.min(axis=0), 0.0)
         high = np.minimum(along.max(axis=0), self._length[face])
         depth = -places.imag.mean(axis=0)
-        is_opposite = (direction * turn).real < -ANTIPARALLEL
+        is_opposite = (direction * turn).real < -math.cos(SAME_DIRECTION)
         is_wall = (depth > 0.005) & (depth <= THICKEST_WALL)
         good = is_opposite & is_wall & (high - low > SHORTEST)
         for k in sorted(np.flatnonzero(good).tolist(), key=depth.__getitem__):

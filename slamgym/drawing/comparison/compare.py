@@ -12,7 +12,13 @@ from slamgym.drawing.comparison.extra_walls import extra_walls
 from slamgym.drawing.comparison.faces import MapEvidence, map_evidence, plan_walls
 from slamgym.drawing.comparison.records import FindingKind, Line, PlanComparison, PlanFinding
 from slamgym.drawing.comparison.registration import MISSED, register
-from slamgym.drawing.comparison.walls import Survey, judge_wall, measure_walls, open_runs
+from slamgym.drawing.comparison.walls import (
+    LEAST_SEEN,
+    Survey,
+    judge_wall,
+    measure_walls,
+    open_runs,
+)
 from slamgym.drawing.evidence import filled
 from slamgym.drawing.settings import ComparisonConfig
 
@@ -20,8 +26,6 @@ CHANGED = ("wall_moved", "wall_missing", "room_unexplored")
 """What of the findings about walls and rooms is a change."""
 SHORTEST_CHANGED = 0.5
 """Changes of shorter walls and shorter gaps in a wall aren't reported [m]."""
-EXPLORED = 0.3
-"""A room of which the robot has seen less is not yet explored [share]."""
 BEYOND_JAMBS = 1.3
 """The wall is looked at this far beyond both jambs [m]."""
 _STEP = 0.025
@@ -206,5 +210,5 @@ def _judge_room(room: Room, plan: FloorPlan, evidence: MapEvidence) -> PlanFindi
     if shape.area > cell:
         seen = min(float(free.sum() * cell / shape.area), 1.0)
     x, y = room.polygon.representative_point().coords[0]
-    kind: FindingKind = "room_unexplored" if seen < EXPLORED else "room_explored"
+    kind: FindingKind = "room_unexplored" if seen < LEAST_SEEN else "room_explored"
     return PlanFinding(kind, room.category, (x, y, x, y), seen=seen)

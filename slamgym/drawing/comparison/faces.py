@@ -17,7 +17,8 @@ from slamgym.core.types import (
     OccupancyGrid,
     Pose2D,
 )
-from slamgym.drawing.evidence import STEP, values_at
+from slamgym.drawing.evidence import values_at
+from slamgym.drawing.settings import USUAL_CELL
 from slamgym.drawing.walls import find_walls
 
 _SIMPLIFY = 0.002
@@ -64,7 +65,7 @@ def plan_walls(plan: FloorPlan) -> PlanWalls:
     side = []
     for number, piece in enumerate(walls):
         depth = piece.thickness if piece.known else 0.0
-        count = max(round(piece.length / STEP), 1)
+        count = max(round(piece.length / USUAL_CELL), 1)
         shares = (np.arange(count) + 0.5) / count
         middle_line = piece.places(np.array([0.0, 1.0]), 0.5 * depth)
         lines.append(middle_line.ravel())

@@ -16,6 +16,8 @@ from slamgym.core.types import (
 )
 from slamgym.drawing.comparison.records import PlanComparison, PlanFinding
 from slamgym.drawing.evidence import values_at
+from slamgym.drawing.formats.png import SIDE_PX
+from slamgym.drawing.settings import MARGIN
 from slamgym.viz.canvas import (
     FAINT,
     OUTLINE,
@@ -30,10 +32,6 @@ from slamgym.viz.canvas import (
     frame_pixels,
 )
 
-SIZE = 1400
-"""Longer side of the drawing [px]."""
-MARGIN = 0.7
-"""Round plan and map [m]."""
 COLOURS: dict[str, tuple[Colour, str]] = {
     "wall_present": (SURE_COLOUR, "wall as planned"),
     "wall_not_seen": (FAINT, "wall not seen"),
@@ -72,7 +70,7 @@ def _frame(plan: FloorPlan) -> GridFrame:
     """A frame round a plan whose cells are the picture's pixels."""
     min_x, min_y, max_x, max_y = plan.bounds
     size = max(max_x - min_x, max_y - min_y) + 2.0 * MARGIN
-    return GridFrame.covering(plan.bounds, size / SIZE, MARGIN)
+    return GridFrame.covering(plan.bounds, size / SIDE_PX, MARGIN)
 
 
 def _map_below(comparison: PlanComparison, grid: OccupancyGrid, frame: GridFrame) -> ByteArray:

@@ -16,9 +16,8 @@ from slamgym.drawing.comparison.distortion import Drift
 from slamgym.drawing.comparison.faces import MapEvidence, PlanWalls
 from slamgym.drawing.comparison.records import FindingKind, Line, PlanFinding
 from slamgym.drawing.comparison.registration import MISSED
-from slamgym.drawing.evidence import STEP
 from slamgym.drawing.free_space import cross
-from slamgym.drawing.settings import ComparisonConfig
+from slamgym.drawing.settings import USUAL_CELL, ComparisonConfig
 
 LATERAL = 0.045
 """A point of the map lies before a point of a face if it is no farther to its side [m]."""
@@ -27,9 +26,7 @@ ALIKE = 0.7
 NEAR = 0.1
 """So near to its place a wall is there, and so near to the commonest offset a point belongs to its wall [m]."""
 LEAST_SEEN = 0.3
-"""A wall of which less is seen, from either side, is not judged."""
-CELL_ROUNDING = 0.05 / np.sqrt(12.0)
-"""A straight wall lies anywhere within its row of cells [m]."""
+"""A wall of which less is seen, from either side, is not judged, a room not yet explored [share]."""
 MOST = 0.5
 """Share of what is in view that decides alone."""
 SOME = 0.25
@@ -215,6 +212,7 @@ def _around(values: FloatArray, sides: FloatArray, centre: float) -> _Place:
             middles.append(np.median(of_side))
     offset = float(np.mean(middles))
     scatter = 1.4826 * np.median(np.abs(values[close] - offset))
-    independent = max(1.0, close.sum() * STEP / CORRELATED)
-    error = np.hypot(np.sqrt(1.57 / independent) * scatter, CELL_ROUNDING)
+    independent = max(1.0, close.sum() * USUAL_CELL / CORRELATED)
+    rounding = USUAL_CELL / np.sqrt(12.0)  # a straight wall lies anywhere within its row of cells
+    error = np.hypot(np.sqrt(1.57 / independent) * scatter, rounding)
     return _Place(offset, float(error), float(close.mean()), seen)

@@ -10,10 +10,8 @@ from slamgym.cad.floorplan import ring_segments
 from slamgym.core.types import FloatArray
 from slamgym.drawing.drawing import Drawing, DrawnDoor, DrawnPoint, DrawnRoom
 from slamgym.drawing.edges import MERGE
-from slamgym.drawing.settings import THICKEST_WALL
+from slamgym.drawing.settings import SAME_DIRECTION, THICKEST_WALL
 
-PARALLEL = 0.1
-"""A face along a door's wall rises by at most this over its length [1]."""
 CHAIN_OFFSET = 0.4
 """A chain lies so far before its wall, in the room [m]."""
 
@@ -68,7 +66,7 @@ class _Wall:
         """
         local = self._local(faces)
         x, y = local[..., 0], local[..., 1]
-        is_along = np.abs(np.diff(y)[:, 0]) <= PARALLEL * np.abs(np.diff(x)[:, 0])
+        is_along = np.abs(np.diff(y)[:, 0]) <= np.tan(SAME_DIRECTION) * np.abs(np.diff(x)[:, 0])
         depth = self._inside * y.mean(axis=1)
         is_face = is_along & (depth > -MERGE) & (depth <= THICKEST_WALL)
         spans = [(low, high, -1) for low, high in np.sort(x[is_face]).tolist()]

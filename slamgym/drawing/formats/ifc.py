@@ -17,15 +17,13 @@ from shapely import Polygon
 from slamgym.cad.polygons import polygon_parts
 from slamgym.core.types import FloatArray
 from slamgym.drawing.drawing import Drawing, DrawnDoor, DrawnPoint, DrawnRoom, DrawnWall
-from slamgym.drawing.formats.straight_walls import TOUCHING, straight_walls
-from slamgym.drawing.settings import WALL_HEIGHT
+from slamgym.drawing.formats.straight_walls import straight_walls
+from slamgym.drawing.settings import USUAL_CELL, WALL_HEIGHT
 
 DOOR_HEIGHT = 2.1
 """Height of doors and openings, usual in homes [m]."""
 SLAB = 0.2
 """Thickness of a slab, usual in homes [m]."""
-TYPE_STEP = 0.05
-"""Thicknesses of wall types are whole multiples of this [m]: a map of 5 cm cells knows no finer ones."""
 GLASS_MATERIAL = "glass"
 """Name of the material of walls of glass, and of their style."""
 
@@ -105,7 +103,7 @@ class _Builder:
         return ifcopenshell.api.run(call, self.file, **values)
 
     def add_walls(self, walls: Sequence[DrawnWall]) -> list[Any]:
-        """An IfcWall each, its origin at the beginning of its centre line, and a type for each :data:`TYPE_STEP`.
+        """An IfcWall each, its origin at the beginning of its centre line, and a type for each thickness in cells.
 
         Those of glass have types of their own, whose material is called so.
         """
@@ -128,7 +126,7 @@ class _Builder:
             body = self._solid("IfcWall", name, matrix, base, WALL_HEIGHT, evidence, look)
             bodies.append(body)
             self._add_axis(body, wall.length)
-            centimetres = round(100.0 * TYPE_STEP) * max(round(wall.thickness / TYPE_STEP), 1)
+            centimetres = round(100.0 * USUAL_CELL) * max(round(wall.thickness / USUAL_CELL), 1)
             made_of = GLASS_MATERIAL if wall.is_glass else "unknown"
             types.setdefault((made_of, centimetres), []).append(body)
             common = self.run("pset.add_pset", product=body, name="Pset_WallCommon")
@@ -155,7 +153,7 @@ class _Builder:
     def connect_walls(self, walls: Sequence[DrawnWall], bodies: Sequence[Any]) -> None:
         """Say of walls that meet at which end or along which of both they do."""
         shapes = [wall.polygon for wall in walls]
-        near = shapely.STRtree(shapes).query(shapes, predicate="dwithin", distance=TOUCHING)
+        near = shapely.STRtree(shapes).query(shapes, predicate="dwithin", distance=USUAL_CELL)
         for one, other in near.T.tolist():
             if one < other:
                 meeting = shapely.shortest_line(walls[one].line, walls[other].line)
@@ -305,7 +303,7 @@ def _runs_through(wall: DrawnWall, door: DrawnDoor) -> tuple[float, float]:
 
 def _end_at(wall: DrawnWall, place: DrawnPoint) -> str:
     """Where along its path a wall is met at a place."""
-    reach = wall.thickness + TOUCHING
+    reach = wall.thickness + USUAL_CELL
     if math.dist(place, wall.start) <= reach:
         return "ATSTART"
     return "ATEND" if math.dist(place, wall.end) <= reach else "ATPATH"

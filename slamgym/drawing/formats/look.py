@@ -1,9 +1,7 @@
 """The look of a drawing in pictures and pages: colours, what they mean, and where its words stand."""
 
 import cmath
-import itertools
 import math
-from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from string import Template
@@ -15,6 +13,7 @@ from shapely import LineString, MultiLineString, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from slamgym.drawing.drawing import Dimension, Drawing, DrawnPoint, DrawnRoom
+from slamgym.drawing.settings import MARGIN
 from slamgym.viz.canvas import (
     BELIEVED_COLOUR,
     TRUE_COLOUR,
@@ -43,10 +42,6 @@ LETTER_WIDTH = 0.56
 """Width of a letter [heights of letters]."""
 KEY_HEIGHT = 6.0 + 1.6 * LEGEND_ROWS
 """Height of the strip with the key [heights of letters]."""
-SQUARE = 5.0
-"""Labels are looked up by squares of this side [m]."""
-SHEET_MARGIN = 1.0
-"""Round the drawing [m]."""
 
 
 def format_part(name: str, values: Mapping[str, str] | None = None) -> str:
@@ -150,11 +145,11 @@ class Sheet(NamedTuple):
     def of(cls, bounds: Sequence[float], letters: float) -> "Sheet":
         """A sheet for (min x, min y, max x, max y) [m] with a margin, and a strip for its key."""
         min_x, min_y, max_x, max_y = bounds
-        height = max_y - min_y + 2 * SHEET_MARGIN
+        height = max_y - min_y + 2 * MARGIN
         return cls(
-            left=min_x - SHEET_MARGIN,
-            top=max_y + SHEET_MARGIN,
-            width=max_x - min_x + 2 * SHEET_MARGIN,
+            left=min_x - MARGIN,
+            top=max_y + MARGIN,
+            width=max_x - min_x + 2 * MARGIN,
             height=height + KEY_HEIGHT * letters,
             letters=letters,
         )
@@ -255,7 +250,7 @@ def place_labels(
         second = third = None
         for label in _tries(one, letters, turned):
             box = label.box(letters)
-            if not taken.leaves(box):
+            if shapely.intersects(box, taken).any():
                 continue
             if inside.covers(box):
                 return label, box
@@ -266,41 +261,17 @@ def place_labels(
 
     labels = list[DrawnLabel]()
     shown = list[Dimension]()
-    taken = _TakenPlaces()
+    taken = list[BaseGeometry]()
     for one in wanted:
         place = best(one)
         if place is None:
             continue
         label, box = place
         labels.append(label)
-        taken.add(box)
+        taken.append(box)
         if label.kind == "size":
             shown.append(one.line)
     return labels, shown
-
-
-class _TakenPlaces:
-    """Boxes on a sheet, by the squares that they touch: only near ones are compared."""
-
-    def __init__(self) -> None:
-        self._boxes: dict[tuple[int, int], list[BaseGeometry]] = defaultdict(list)
-
-    def leaves(self, box: BaseGeometry) -> bool:
-        """True if none of them intersects a box."""
-        return not any(
-            box.intersects(other) for square in _squares(box) for other in self._boxes[square]
-        )
-
-    def add(self, box: BaseGeometry) -> None:
-        """Take a place."""
-        for square in _squares(box):
-            self._boxes[square].append(box)
-
-
-def _squares(box: BaseGeometry) -> Iterator[tuple[int, int]]:
-    """The squares of :data:`SQUARE` that the bounds of a box touch."""
-    left, bottom, right, top = (math.floor(value / SQUARE) for value in box.bounds)
-    return itertools.product(range(left, right + 1), range(bottom, top + 1))
 
 
 class _Wanted(NamedTuple):

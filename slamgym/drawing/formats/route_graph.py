@@ -16,11 +16,10 @@ from shapely import MultiPolygon
 from slamgym.cad.polygons import polygon_parts
 from slamgym.core.types import FloatArray, IntArray
 from slamgym.drawing.drawing import Drawing
+from slamgym.drawing.settings import USUAL_CELL
 
 ROUTE_RADIUS = 0.25
 """Ways keep so far from what stands [m]: the 0.22 m of a robot in Nav2's own parameters, and half a cell."""
-DETAIL = 0.05
-"""Outlines of the free floor are simplified so far [m], a cell of the map."""
 LONGEST_WAY = 12.0
 """Corners farther apart aren't joined straight [m]: a longer way may have one corner more."""
 
@@ -62,7 +61,9 @@ def drivable(drawing: Drawing) -> MultiPolygon:
     """Where the robot's centre may be: seen floor without what the map shows standing on it, less the radius."""
     closed = shapely.union_all([*drawing.echoes, *drawing.inferred_floor])
     floor = drawing.floor.difference(closed)
-    return MultiPolygon(polygon_parts(floor.simplify(DETAIL).buffer(-ROUTE_RADIUS, quad_segs=2)))
+    return MultiPolygon(
+        polygon_parts(floor.simplify(USUAL_CELL).buffer(-ROUTE_RADIUS, quad_segs=2))
+    )
 
 
 def _places(drawing: Drawing, free: MultiPolygon) -> tuple[list[str], list[tuple[float, float]]]:
@@ -72,7 +73,7 @@ def _places(drawing: Drawing, free: MultiPolygon) -> tuple[list[str], list[tuple
     for room in drawing.rooms:
         parts = polygon_parts(room.polygon.intersection(free))
         if parts:
-            radii = [shapely.maximum_inscribed_circle(part, tolerance=DETAIL) for part in parts]
+            radii = [shapely.maximum_inscribed_circle(part, tolerance=USUAL_CELL) for part in parts]
             widest = max(radii, key=lambda radius: float(radius.length))
             names.append(room.name)
             x, y = widest.coords[0]

@@ -11,17 +11,11 @@ from shapely.geometry.base import BaseGeometry
 
 from slamgym.cad.polygons import largest_part
 from slamgym.core.types import BoolArray, IntArray
+from slamgym.drawing.confidence import SHORTEST_CHANGE
 from slamgym.drawing.drawing import DrawnDoor, DrawnPoint, DrawnWall, Layer
+from slamgym.drawing.edges import MERGE
 from slamgym.drawing.openings import lengthened
-from slamgym.drawing.settings import SEEN_SHARE
-
-TOUCHING = 0.05
-"""Walls so near to each other meet; pieces can be one straight wall [m]."""
-ASTRAY = 0.12
-"""A piece belongs to a wall if neither of its ends is farther from the wall's line, nor its thickness from the wall's:
-steps of a map's echoes [m]."""
-SHORT = 0.4
-"""A shorter piece is no wall of its own, but a step of one that it touches [m]."""
+from slamgym.drawing.settings import SEEN_SHARE, USUAL_CELL
 
 
 def straight_walls(
@@ -53,8 +47,10 @@ def straight_walls(
         normal = [-y, x]
         away = np.abs((ends - start) @ normal).max(axis=1)
         thicker = np.abs(thickness - thickness[first])
-        is_along = np.maximum(away, thicker) <= ASTRAY
-        may_join = (is_along | (length < SHORT)) & (wall_of < 0) & (is_glass == is_glass[first])
+        is_along = np.maximum(away, thicker) <= 2.0 * MERGE
+        may_join = (
+            (is_along | (length < SHORTEST_CHANGE)) & (wall_of < 0) & (is_glass == is_glass[first])
+        )
         members = _connected(first, beside, may_join)
         wall_of[members] = len(walls)
         walls.append(pieces[first])
@@ -70,10 +66,10 @@ def _body(pieces: Sequence[DrawnWall], doors: Sequence[DrawnDoor]) -> Polygon:
     """All that stands of a wall, its doors closed."""
     shapes: list[BaseGeometry] = [piece.polygon for piece in pieces]
     for door in doors:
-        longer = lengthened(door.line, TOUCHING, TOUCHING)
+        longer = lengthened(door.line, USUAL_CELL, USUAL_CELL)
         shapes.append(longer.buffer(0.5 * door.depth, cap_style="flat"))
-    wider = shapely.union_all(shapes).buffer(0.5 * TOUCHING, join_style="mitre")
-    return largest_part(wider.buffer(-0.5 * TOUCHING, join_style="mitre"))
+    wider = shapely.union_all(shapes).buffer(0.5 * USUAL_CELL, join_style="mitre")
+    return largest_part(wider.buffer(-0.5 * USUAL_CELL, join_style="mitre"))
 
 
 def _connected(first: int, beside: list[list[int]], may_join: BoolArray) -> list[int]:
@@ -90,7 +86,7 @@ def _pieces_beside(pieces: Sequence[DrawnWall], doors: Sequence[DrawnDoor]) -> l
     """For each piece the numbers of those that touch it, or stand at another jamb of one of its doors."""
     bodies = [piece.polygon for piece in pieces]
     tree = shapely.STRtree(bodies)
-    touching = tree.query(bodies, predicate="dwithin", distance=TOUCHING)
+    touching = tree.query(bodies, predicate="dwithin", distance=USUAL_CELL)
     beside: list[list[int]] = [[] for _ in pieces]
     for one, other in touching.T.tolist():
         beside[one].append(other)

@@ -9,8 +9,6 @@ from shapely import affinity
 
 from slamgym.drawing.drawing import Drawing, Segment
 
-LEAST_TURN = 0.05
-"""Drawings that are less askew stay as they are [deg]: 2 cm in 20 m, less than a cell of the map."""
 _Shape = TypeVar("_Shape", bound=shapely.Geometry)
 _TURNED = ("walls", "doors", "rooms", "dimensions", "questions")
 """Fields of a drawing that hold records."""
@@ -18,7 +16,7 @@ _TURNED = ("walls", "doors", "rooms", "dimensions", "questions")
 
 def turn_deg(drawing: Drawing) -> float:
     """By how much a drawing is turned counter-clockwise, about the origin of its map, to be upright."""
-    return 0.0 if abs(drawing.angle_deg) < LEAST_TURN else -drawing.angle_deg
+    return -drawing.angle_deg
 
 
 def turn_facts(drawing: Drawing) -> dict[str, Any]:
