@@ -20,7 +20,7 @@ class Columns:
         self._length = 0
         self._capacity = FIRST_ROWS
         types = types or {}
-        self._arrays: dict[str, Any] = {}
+        self._arrays: dict[str, np.ndarray] = {}
         for name, shape in shapes.items():
             kind = types.get(name, np.float64)
             self._arrays[name] = np.zeros((FIRST_ROWS, *shape), kind)
@@ -28,7 +28,7 @@ class Columns:
     def __len__(self) -> int:
         return self._length
 
-    def __getitem__(self, name: str) -> Any:
+    def __getitem__(self, name: str) -> np.ndarray:
         """An array's rows; they may be written to."""
         return self._arrays[name][: self._length]
 

@@ -55,6 +55,9 @@ class HitCountMap:
         self.counts: np.ndarray = np.zeros((0, 0, 2), dtype=np.int32)
         """(rows, cols, 2) hits and visits, row 0 at the bottom."""
         self._cells: ByteArray = np.zeros((0, 0), dtype=np.uint8)
+        self._followed: FloatArray = np.zeros(
+            (0, 3)
+        )  # poses at which the scans of a path are drawn
         self._dirty: LatticeBox | None = None  # what was drawn on since cells were last classified
 
     @property
@@ -82,6 +85,21 @@ class HitCountMap:
         if self.cover(box):
             self._draw_on_counts(poses, ranges, sign)
         self._dirty = _around(box, self._dirty)
+
+    def follow(self, poses: FloatArray, ranges: Float32Array) -> None:
+        """Draw the scans of a path that are new, and again those that have moved.
+
+        Args:
+            poses: (scans, 3) as for :meth:`draw`; as many as before, or more.
+            ranges: (scans, num_beams) [m].
+        """
+        before = self._followed
+        has_moved = (poses[: len(before)] != before).any(axis=1)
+        moved = np.flatnonzero(has_moved)
+        self.draw(before[moved], ranges[moved], sign=-1)
+        again = np.concatenate([moved, np.arange(len(before), len(poses))])
+        self.draw(poses[again], ranges[again])
+        self._followed = poses
 
     def _draw_on_counts(
         self, poses: FloatArray, ranges: Float32Array, sign: int

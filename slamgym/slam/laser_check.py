@@ -97,14 +97,14 @@ def noting_gaps(log: Log) -> Log:
     stamps = np.array([record.stamp for record in log])
     poses = np.array([record.odometry for record in log], dtype=np.float64)
     waits = np.diff(stamps)
-    usual = float(np.median(waits))
+    usual = np.median(waits)
     if usual <= 0.0:  # its stamps say nothing
         return log
     steps = relative_poses(poses[:-1], poses[1:])
     drives = np.hypot(steps[:, 0], steps[:, 1])
     turns = np.abs(steps[:, 2])
-    far = drives > max(GAP_METRES, FAR * float(np.median(drives)))
-    round_about = turns > max(GAP_RADIANS, FAR * float(np.median(turns)))
+    far = drives > max(GAP_METRES, FAR * np.median(drives))
+    round_about = turns > max(GAP_RADIANS, FAR * np.median(turns))
     gaps = np.flatnonzero((waits > LONG_GAP * usual) & (far | round_about))
     if not len(gaps):
         return log

@@ -30,7 +30,7 @@ from slamgym.metrics.trajectory import relative_poses
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.deskew import placed_returns
 from slamgym.slam.end_points import usable_end_points
-from slamgym.slam.graph.alignment import Alignment, AlignmentTarget, NormalEquations
+from slamgym.slam.graph.alignment import Alignment, AlignmentTarget
 from slamgym.slam.graph.mapper import FEW_POINTS, LEAST_POINTS
 from slamgym.slam.graph.matching import SearchWindow
 from slamgym.slam.graph.recovery import NARROW_SEARCH_NATS, POINT_NATS
@@ -93,7 +93,7 @@ class PairMotions(NamedTuple):
             scans=scans,
             stamps=np.array([record.stamp for record in log])[scans],
             laser=np.array([motion.pose for motion in motions]).reshape(-1, 3),
-            information=np.array([motion.sums[:3, :3] for motion in motions]).reshape(-1, 3, 3),
+            information=np.array([motion.total[:3, :3] for motion in motions]).reshape(-1, 3, 3),
             fits=np.array([motion.fit for motion in motions]),
             odometry=odometry,
         )
@@ -171,8 +171,7 @@ class RecentScans:
 
 def no_alignment(pose: FloatArray) -> Alignment:
     """A pose (3,) of which nothing was seen."""
-    nothing = NormalEquations(np.zeros((1, 4, 4)), np.zeros(1, dtype=np.int64))
-    return Alignment(pose, nothing, np.zeros(1))
+    return Alignment(pose, np.zeros((1, 4, 4)), np.zeros(1, dtype=np.int64), np.zeros(1))
 
 
 def motion_between(first: LaserScan, second: LaserScan, expected: FloatArray) -> Alignment:
@@ -243,7 +242,7 @@ class LaserTracker:
         self._first = None
         if len(seen.points) >= LEAST_POINTS:
             # What the laser by itself says of a pose that was aligned by a prior, too.
-            shift, information = weigh_match(placed.sums, 0.0, 1, BINDING)
+            shift, information = weigh_match(placed.total, 0.0, 1, BINDING)
             motion.correct(placed.pose - shift, information)
         if self._recent.is_due(seen, motion.pose):
             self._recent.draw(seen, motion.pose)

@@ -133,7 +133,7 @@ def _lateness(log: Log, pairs: PairMotions) -> float:
     turned = end - begin
     error = np.abs(wrap_angle(pairs.laser[turning, 2] - turned))
     costs = np.minimum(error, OUTLIER_TURN) ** 2
-    best = int(np.argmin(costs.sum(axis=1)))
+    best = np.argmin(costs.sum(axis=1))
     now = costs[len(OFFSETS) // 2]
     is_outermost = best in {0, len(OFFSETS) - 1}
     is_enough = len(now) >= FEWEST_MOVING and not is_outermost
@@ -170,7 +170,7 @@ def _shows_distance(pairs: PairMotions) -> BoolArray:
     covariance = np.array([inverted(one)[:2, :2] for one in information]).reshape(-1, 2, 2)
     # The variance along a step, times its squared length.
     spread = (steps[:, :, None] * covariance * steps[:, None, :]).sum(axis=(1, 2))
-    return np.asarray(np.square(squared) > spread)
+    return np.square(squared) > spread
 
 
 def _middle(values: FloatArray) -> float:
@@ -274,4 +274,4 @@ def _deviation(error: FloatArray, laser: FloatArray, wheels: FloatArray) -> floa
     covariance = inverted(laser + np.diag(wheels))
     rest = product(laser, product(covariance, pulled))
     weighted = (pulled - rest)[:, 0]
-    return math.sqrt(max(0.0, float((error * weighted).sum())))
+    return math.sqrt(max(0.0, (error * weighted).sum()))

@@ -10,7 +10,7 @@ import numpy as np
 from slamgym.core.geometry import wrap_angle
 from slamgym.core.jit import plain
 from slamgym.core.portable import product
-from slamgym.core.types import FloatArray, IntArray, LaserGeometry, LaserScan, Pose2D, Trajectory
+from slamgym.core.types import FloatArray, LaserGeometry, LaserScan, Pose2D, Trajectory
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.end_points import usable_end_points
 from slamgym.slam.hill_climbing import MatchSettings, match_particles
@@ -22,7 +22,6 @@ from slamgym.slam.particles import (
     effective_sample_size,
     normalized_weights,
     systematic_resample,
-    trace_lineage,
 )
 
 FIRST_STEP = 0.05
@@ -64,12 +63,14 @@ class ParticleFilter(Mapper):
         self._poses: FloatArray = np.tile(np.array(initial_pose, dtype=np.float64), (count, 1))
         self._log_weights = np.zeros(count)  # since the last resampling
         self._path_log_weights = np.zeros(count)  # over the whole path
-        self._weights: FloatArray = np.full(count, 1.0 / count)
         self._maps = ParticleMaps(count, config.resolution, config.memory_limit_mb)
         self._tree = TrajectoryTree(count, geometry.num_beams)
-        self._lineage: IntArray = np.zeros(0, dtype=np.int64)  # of the path drawn
-        self._drawn_poses: FloatArray = np.zeros((0, 3))
         self._match_settings = plain(match_settings(config))
+
+    @property
+    def _weights(self) -> FloatArray:
+        """Weights (particles,) since the last resampling; they sum to 1."""
+        return normalized_weights(self._log_weights)
 
     @property
     def best_particle(self) -> int:
@@ -79,11 +80,8 @@ class ParticleFilter(Mapper):
     def particle_paths(self, most: int) -> list[FloatArray]:
         """Paths of at most so many particles, each (processed scans, 3)."""
         # After a resampling the places of the particles changed; their parents are at the last scan.
-        if len(self._tree) == 0:
-            return []
-        count = min(most, len(self._poses))
-        lineages = [self._tree.lineage(particle) for particle in range(count)]
-        return [self._tree.poses_along(lineage) for lineage in lineages]
+        count = min(most, len(self._poses)) if len(self._tree) else 0
+        return [self._tree.path(particle) for particle in range(count)]
 
     @property
     def covariance(self) -> FloatArray:
@@ -93,7 +91,7 @@ class ParticleFilter(Mapper):
         weights = self._weights[:, None]
         deviations -= (weights * deviations).sum(axis=0)
         weighted = deviations * weights
-        return np.asarray(product(weighted.T, deviations), dtype=np.float64)
+        return product(weighted.T, deviations)
 
     def _num_bytes(self) -> int:
         return self._maps.num_bytes + self._tree.num_bytes
@@ -106,7 +104,7 @@ class ParticleFilter(Mapper):
         normals = draw((len(increments), *self._poses.shape))
         sample_motion(self._poses, increments, normals, self._noise)
         points = usable_end_points(scan.ranges, plain(self._beams), np.inf)
-        farthest = float(np.abs(points).sum(axis=1).max(initial=0.0))
+        farthest = np.abs(points).sum(axis=1).max(initial=0.0)
         self._maps.cover(self._poses, farthest + MATCH_MARGIN)
         if len(self._tree) > 0:
             self._match_and_weigh(points)
@@ -124,37 +122,20 @@ class ParticleFilter(Mapper):
         self._stats.refused_matches += len(self._poses) - matched
         self._log_weights += likelihoods
         self._path_log_weights += likelihoods
-        self._weights = normalized_weights(self._log_weights)
         self._stats.n_eff.append(effective_sample_size(self._weights))
 
     def _resample(self) -> None:
-        ancestors = systematic_resample(self._weights, float(self._rng.random()))
+        ancestors = systematic_resample(self._weights, self._rng.random())
         self._poses = self._poses[ancestors]
         self._path_log_weights = self._path_log_weights[ancestors]
         self._maps.resample(ancestors)
         self._tree.resample(ancestors)
-        count = len(self._poses)
-        self._log_weights = np.zeros(count)
-        self._weights = np.full(count, 1.0 / count)
+        self._log_weights = np.zeros(len(self._poses))
         self._stats.resamplings += 1
 
     def _draw_path(self) -> None:
-        """Make the drawn path that of the best particle: take out what it doesn't share, draw the rest."""
-        steps = len(self._tree)
-        if steps == 0:
-            return
-        known = len(self._lineage)
-        ranges = self._tree["ranges"]
-        lineage = np.full(steps, -1, dtype=np.int64)
-        lineage[:known] = self._lineage
-        first = trace_lineage(self._tree["parents"], steps - 1, self.best_particle, lineage)
-        self._map.draw(self._drawn_poses[first:], ranges[first:known], sign=-1)
-        poses = self._tree.poses_along(lineage, first)
-        self._map.draw(poses, ranges[first:])
-        self._lineage = lineage
-        self._drawn_poses = np.concatenate([self._drawn_poses[:first], poses])
+        self._map.follow(self.trajectory().poses, self._tree["ranges"])
 
     def trajectory(self) -> Trajectory:
         """The best particle's path."""
-        lineage = self._tree.lineage(self.best_particle)
-        return Trajectory(self._tree["stamps"].copy(), self._tree.poses_along(lineage))
+        return Trajectory(self._tree["stamps"].copy(), self._tree.path(self.best_particle))

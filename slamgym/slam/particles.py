@@ -11,24 +11,18 @@ from slamgym.slam.tiles import TILE, TileMaps, TilePool, copy_maps, register_sca
 
 
 @kernel
-def trace_lineage(parents: IntArray, last: int, particle: int, lineage: IntArray) -> int:
-    """Follow a particle's ancestors back until they meet the lineage traced before.
+def trace_lineage(parents: IntArray, particle: int) -> IntArray:
+    """Place per step (steps,) of the ancestors of the particle at a place of the last one.
 
     Args:
         parents: (steps, particles) place at the step before of each particle's parent.
-        last: Step to begin at.
-        particle: Place of the particle at that step.
-        lineage: (steps,) place per step, -1 where unset; changed in place up to the common ancestor.
-
-    Returns:
-        The first step that was changed; ``last + 1`` if none.
+        particle: Its place.
     """
-    step = last
-    while step >= 0 and lineage[step] != particle:
+    lineage = np.empty(len(parents), dtype=np.int64)
+    for step in range(len(parents) - 1, -1, -1):
         lineage[step] = particle
         particle = parents[step, particle]
-        step -= 1
-    return step + 1
+    return lineage
 
 
 class TrajectoryTree(Columns):
@@ -57,17 +51,9 @@ class TrajectoryTree(Columns):
         """Note which particle each place descends from, after the last processed scan."""
         self._pending = self._pending[ancestors]
 
-    def lineage(self, particle: int) -> IntArray:
-        """Place per step of the ancestors of the particle at a place after the last step, (steps,)."""
-        lineage = np.full(len(self), -1, dtype=np.int64)
-        if len(self):
-            trace_lineage(self["parents"], len(self) - 1, particle, lineage)
-        return lineage
-
-    def poses_along(self, lineage: IntArray, first: int = 0) -> FloatArray:
-        """Poses, shape (steps - first, 3), along a lineage from step ``first``."""
-        steps = np.arange(first, len(self))
-        return self["poses"][steps, lineage[steps]]
+    def path(self, particle: int) -> FloatArray:
+        """Poses (steps, 3) of the ancestors of the particle at a place of the last step."""
+        return self["poses"][np.arange(len(self)), trace_lineage(self["parents"], particle)]
 
 
 LIKELIHOOD_GAIN = 3.0

@@ -118,7 +118,7 @@ def _turns(log: Log) -> IntArray:
     headings = np.unwrap([record.odometry.theta for record in log])
     found = []
     for first in range(len(stamps) - 1):
-        end = int(np.searchsorted(stamps, stamps[first] + LONGEST_TURN))
+        end = np.searchsorted(stamps, stamps[first] + LONGEST_TURN)
         turned = np.abs(headings[first + 1 : end] - headings[first])
         far = np.flatnonzero(turned >= 0.75 * PAIR_TURN)
         if len(far) and turned[far[0]] < 1.5 * PAIR_TURN:

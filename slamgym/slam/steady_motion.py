@@ -64,7 +64,7 @@ class SteadyMotion:
     def correct(self, pose: FloatArray, information: FloatArray) -> None:
         """Take what the laser says of the pose (3,), and the information (3, 3) of that, which may be singular."""
         away = pose - self.pose
-        away[2] = wrap_angle(float(away[2]))
+        away[2] = wrap_angle(away[2])
         known = inverted(self.pose_covariance)
         after = inverted(known + information)
         # What is learned of the pose bears on the speed by their common covariance.
@@ -72,7 +72,7 @@ class SteadyMotion:
         change = product(pull, product(after, product(information, away[:, None])))[:, 0]
         gained = product(product(pull, self.pose_covariance - after), pull.T)
         self.pose = self.pose + change[:3]
-        self.pose[2] = wrap_angle(float(self.pose[2]))
+        self.pose[2] = wrap_angle(self.pose[2])
         self.speed = self.speed + change[3:]
         rest = self.covariance - gained
         self.covariance = 0.5 * (rest + rest.T)  # rounding would tilt it more and more

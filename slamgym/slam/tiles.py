@@ -69,11 +69,9 @@ class TilePool(NamedTuple):
         size = len(self.references)
         larger.cells[:size] = self.cells
         larger.references[:size] = self.references
-        num_free = int(self.num_free[0])
-        num_new = capacity - size
-        larger.free[:num_new] = np.arange(capacity - 1, size - 1, -1)
-        larger.free[num_new : num_new + num_free] = self.free[:num_free]
-        larger.num_free[0] = num_new + num_free
+        # The new tiles lie below those that were unused before.
+        larger.free[capacity - size :] = self.free
+        larger.num_free[0] = self.num_free[0] + capacity - size
         return larger
 
 

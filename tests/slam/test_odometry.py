@@ -11,7 +11,7 @@ from slamgym.core.geometry import compose
 from slamgym.core.types import Pose2D
 from slamgym.slam.config import MotionNoise, SlamConfig
 from slamgym.slam.motion_model import OdometryGate, noise_array, sample_motion, update_thresholds
-from slamgym.slam.particles import TrajectoryTree, trace_lineage
+from slamgym.slam.particles import TrajectoryTree
 
 CONFIG = SlamConfig(linear_update=0.5, angular_update=0.4, temporal_update=None)
 steps = st.builds(Pose2D, st.floats(-0.2, 0.2), st.floats(-0.05, 0.05), st.floats(-0.3, 0.3))
@@ -97,7 +97,6 @@ def test_every_particles_path_is_its_ancestors(seed, length):
     """Poses are labels: each particle's own history, kept as whole lists, must be found again in the tree."""
     rng, particles = np.random.default_rng(seed), 5
     tree, histories = TrajectoryTree(particles, 2), [[] for _ in range(particles)]
-    lineage = np.full(100, -1)
     for step in range(length):
         poses = rng.random((particles, 3))
         tree.add(float(step), poses, np.zeros(2, np.float32))
@@ -105,10 +104,7 @@ def test_every_particles_path_is_its_ancestors(seed, length):
             [*history, tuple(pose)] for history, pose in zip(histories, poses, strict=True)
         ]
         best = int(rng.integers(particles))
-        before = lineage.copy()
-        first = trace_lineage(tree["parents"], step, best, lineage)
-        assert (lineage[:first] == before[:first]).all()
-        assert [tuple(pose) for pose in tree.poses_along(lineage)] == histories[best]
+        assert [tuple(pose) for pose in tree.path(best)] == histories[best]
         for _ in range(int(rng.integers(3))):
             ancestors = rng.integers(particles, size=particles)
             tree.resample(ancestors)

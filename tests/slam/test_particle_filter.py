@@ -268,7 +268,7 @@ def test_the_particle_that_explains_its_path_best_is_known_after_a_resampling_to
     mapper.update(start, scan_at(start, 0.0))
     mapper._poses[:, 0] = [0.0, 0.1, 0.2, 0.3]
     mapper._path_log_weights[:] = [-9.0, -5.0, -7.0, -1.0]
-    mapper._weights = np.array([0.0, 0.5, 0.5, 0.0])  # the best of all dies, and the worst
+    mapper._log_weights[:] = [-1e9, 0.0, 0.0, -1e9]  # the best of all dies, and the worst
     mapper._resample()
     assert mapper._poses[mapper.best_particle, 0] == pytest.approx(0.1)
 

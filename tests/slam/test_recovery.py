@@ -5,7 +5,7 @@ import pytest
 
 from slamgym.core.types import LaserGeometry, Pose2D
 from slamgym.slam.graph import recovery
-from slamgym.slam.graph.alignment import Alignment, NormalEquations
+from slamgym.slam.graph.alignment import Alignment
 from slamgym.slam.graph.recovery import Recovery
 from slamgym.slam.graph.sight import ScanView, Sight, count_seen_through
 from slamgym.slam.graph.submaps import oriented
@@ -35,9 +35,7 @@ class Surfaces:
         self.fits = np.full(count, fit)
 
     def align_freely(self, seen, start) -> Alignment:
-        return Alignment(
-            start, NormalEquations(np.zeros((1, 4, 4)), np.zeros(1, np.int64)), self.fits
-        )
+        return Alignment(start, np.zeros((1, 4, 4)), np.zeros(1, np.int64), self.fits)
 
 
 def place_of(monkeypatch, true: np.ndarray, by_wheels: np.ndarray, other: np.ndarray, end: float):

@@ -58,7 +58,7 @@ def align(drawn, points, start, known=UNKNOWN_PLACE):
     """Pose, normal matrix and fit."""
     start = np.array(start)
     placed = alone(drawn).align(with_sides(points), start, start, known)
-    return placed.pose, placed.equations.sums[0, :3, :3], placed.fit
+    return placed.pose, placed.total[:3, :3], placed.fit
 
 
 ROUND = [(-1.0 + 0.1 * k, 0.02 * k, 0.4 * k) for k in range(16)]

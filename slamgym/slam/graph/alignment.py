@@ -52,24 +52,20 @@ FEW_HITS = 10
 """It is tied to the submap if so many of its points lie near the submap's surfaces."""
 
 
-class NormalEquations(NamedTuple):
-    """What each of some submaps says of a scan's pose (x, y, theta) in the map frame, about the robot."""
-
-    sums: FloatArray  # (S, 4, 4) normal matrix, in the last column the gradient and the weighted squared error
-    hits: IntArray  # (S,) number of points near a surface
-
-
 class Alignment(NamedTuple):
-    """A scan's place among submaps."""
+    """A scan's place among submaps, and what each of them says of it."""
 
     pose: FloatArray  # (3,) in the map frame
-    equations: NormalEquations  # there
+    sums: FloatArray
+    """(S, 4, 4) normal matrix of the pose (x, y, theta) in the map frame, about the robot; in the last column the
+    gradient and the weighted squared error."""
+    hits: IntArray  # (S,) number of points near a surface
     fits: FloatArray  # (n,) how well each point fits, 0 to 1
 
     @property
-    def sums(self) -> FloatArray:
-        """What all submaps together say, (4, 4); see :class:`NormalEquations`."""
-        return np.asarray(self.equations.sums.sum(axis=0))
+    def total(self) -> FloatArray:
+        """What all submaps together say, (4, 4), as in :attr:`sums`."""
+        return self.sums.sum(axis=0)
 
     @property
     def fit(self) -> float:
@@ -133,8 +129,7 @@ def bind_scan(
         width: Residual that counts a quarter [standard deviations].
 
     Returns:
-        The sums (S, 4, 4) and hits (S,) of :class:`NormalEquations`, and how well each point fits a surface of any
-        submap, (n,), 0 to 1.
+        The sums, hits and fits of :class:`Alignment`.
     """
     grids, all_pieces, corners, frames = submaps
     sums = np.zeros((len(frames), 4, 4))
@@ -259,8 +254,7 @@ class AlignmentTarget:
     ) -> Alignment:
         """Align a scan from a pose (3,), by a prior (3,) of known information (3, 3); zero for none."""
         pose = start.copy()
-        sums, hits, fits = align_scan(self._arrays, *seen, prior, known, pose)
-        return Alignment(pose, NormalEquations(sums, hits), fits)
+        return Alignment(pose, *align_scan(self._arrays, *seen, prior, known, pose))
 
     def align_freely(self, seen: OrientedPoints, start: FloatArray) -> Alignment:
         """The same where nothing is known of the pose but where to begin."""
@@ -269,7 +263,16 @@ class AlignmentTarget:
     def hit_shares(self, seen: OrientedPoints, pose: FloatArray) -> FloatArray:
         """Share of the points of a scan at a pose that lie near a surface of each submap, (S,)."""
         _, hits, _ = bind_scan(self._arrays, *seen, pose, FIRST_WIDTH)
-        return np.asarray(hits / max(1, len(seen.points)), dtype=np.float64)
+        return hits / max(1, len(seen.points))
+
+    def matches(self, placed: Alignment, poses: FloatArray, node: int) -> list[Match]:
+        """What each of the submaps says of the place of a node that was aligned with them, by all poses (N, 3)."""
+        count = len(self.submaps)
+        return [
+            match_with(poses, submap.first, node, placed.pose, sums, count)
+            for submap, sums, hits in zip(self.submaps, placed.sums, placed.hits, strict=True)
+            if hits >= FEW_HITS
+        ]
 
     def occupied(self, centre: FloatArray, radius: float) -> tuple[np.ndarray, FloatArray]:
         """Find cells with a surface within a radius of a place.
@@ -314,20 +317,3 @@ def overlapping(
         shares = target_of(tried).hit_shares(seen, pose)
         found += zip((-shares).tolist(), tried, strict=True)
     return [number for share, number in sorted(found) if -share > OVERLAP_SHARE]
-
-
-def matches_of(placed: Alignment, poses: FloatArray, firsts: list[int], node: int) -> list[Match]:
-    """What each of the submaps that a node was aligned with says of its place.
-
-    Args:
-        placed: The alignment.
-        poses: (N, 3) of the nodes.
-        firsts: The submaps' nodes.
-        node: The aligned one.
-    """
-    sums, hits = placed.equations
-    return [
-        match_with(poses, first, node, placed.pose, of_submap, len(firsts))
-        for first, of_submap, count in zip(firsts, sums, hits, strict=True)
-        if count >= FEW_HITS
-    ]

@@ -97,7 +97,7 @@ class LoopCloser:
 
     def is_due(self) -> bool:
         """Return True if the robot has moved far enough since a loop was last sought."""
-        driven = float(self._graph.driven[-1])
+        driven = self._graph.driven[-1]
         if self._graph.optimised == 0 or driven - self._last_sought < LOOP_METRES:
             return False
         self._last_sought = driven
@@ -149,7 +149,7 @@ class LoopCloser:
         nearest.sort(key=lambda other: -self._target_of([other]).hit_shares(seen, start)[0])
         best = nearest[:MOST_SUBMAPS]
         placed = self._target_of(best).align_freely(seen, start)
-        fits = float(placed.fits.sum())
+        fits = placed.fits.sum()
         strange = seen.points[placed.fits < SEEN_FIT]
         clashes = self._most_clashes(strange, placed.pose, best, ranges)
         if fits < CLOSURE_FIT * max(FEW_SURFACES, fits + clashes):
@@ -160,7 +160,7 @@ class LoopCloser:
             _, other_score = space.search(seen, nearly, start)
             if other_score > nearly:
                 return None
-        sums = placed.sums / len(best)
+        sums = placed.total / len(best)
         return match_with(graph.poses, old, len(graph) - 1, placed.pose, sums, 1)
 
     def _most_clashes(
@@ -226,7 +226,7 @@ def agree(graph: PoseGraph, closure: Match, other: Match) -> bool:
     between_new = seen_from(poses[other.new], poses[closure.new])
     by_closure = moved_by(between_old, closure.measured)
     by_other = moved_by(other.measured, between_new)
-    information = inverted(drift_covariance(float(sum(ways))) + _floor())
+    information = inverted(drift_covariance(sum(ways)) + _floor())
     return chi_squared(by_closure, by_other, information) < AGREEING_CHI2
 
 

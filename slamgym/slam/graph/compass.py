@@ -38,8 +38,8 @@ class Compass:
         seen = _sum_of_directions(normals)
         if abs(seen) <= CLEAR * len(normals):
             return
-        believed = float(graph.poses[submap.first, 2])
-        variance = float(graph.covariance[2, 2])
+        believed = graph.poses[submap.first, 2]
+        variance = graph.covariance[2, 2]
         seen *= cmath.exp(4j * believed) / abs(seen)
         if self._count < FIRST_SUBMAPS:
             self._walls += seen / (WALL_SPREAD**2 + variance)

@@ -135,8 +135,8 @@ def are_broken(counts: FloatArray) -> BoolArray:
     padded = np.pad(counts, ((1, 1), (0, 0)))
     stretches = padded[:-2] + padded[1:-1] + padded[2:]
     shares = stretches[:, 0] / np.maximum(stretches.sum(axis=1), FEW_SEEN)
-    limit = min(BROKEN_SHARE + USUAL_SHARES * float(np.median(shares)), MOST_SHARE)
-    return np.asarray(shares > limit)
+    limit = min(BROKEN_SHARE + USUAL_SHARES * np.median(shares), MOST_SHARE)
+    return shares > limit
 
 
 def near_submaps(

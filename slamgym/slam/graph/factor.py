@@ -41,7 +41,7 @@ class Factor(NamedTuple):
         x[of_other] = 0.0
         x[of_other[0]] = np.eye(3)
         substitute(self.starts, self.rows, self.lower, self.inverse, x, of_other, of_block)
-        return np.asarray(x[of_block[0]])
+        return x[of_block[0]]
 
 
 class BlockLayout(NamedTuple):

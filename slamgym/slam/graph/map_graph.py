@@ -24,7 +24,7 @@ DRAWN_LATTICE = np.array([0.004, 0.004, 0.002])
 
 def drawn_poses(poses: FloatArray) -> FloatArray:
     """Poses (N, 3) as they are drawn: the map follows from the path, however often it was drawn before."""
-    return np.asarray(np.round(poses / DRAWN_LATTICE) * DRAWN_LATTICE)
+    return np.round(poses / DRAWN_LATTICE) * DRAWN_LATTICE
 
 
 class DriveScans(NamedTuple):

@@ -17,13 +17,7 @@ from slamgym.core.types import FloatArray, LaserGeometry, LaserScan, Pose2D, Tra
 from slamgym.metrics.trajectory import relative_poses
 from slamgym.slam.columns import Columns
 from slamgym.slam.config import SlamConfig
-from slamgym.slam.graph.alignment import (
-    MOST_SUBMAPS,
-    AlignmentTarget,
-    matches_of,
-    nearest_within,
-    overlapping,
-)
+from slamgym.slam.graph.alignment import MOST_SUBMAPS, AlignmentTarget, nearest_within, overlapping
 from slamgym.slam.graph.closures import LoopCloser
 from slamgym.slam.graph.compass import Compass
 from slamgym.slam.graph.consistency import Consistency
@@ -104,7 +98,6 @@ class PoseGraphMapper(Mapper):
         self._loops = LoopCloser(config.pose_graph, sight, self._graph, self._submaps, self._target)
         self._compass = Compass()
         self._consistency = Consistency(geometry)
-        self._drawn_poses = np.zeros((0, 3))
         self._last_scan: LaserScan | None = None  # that was processed
         self._last_view: ScanView | None = None
         self._recovery = Recovery(sight)
@@ -207,7 +200,7 @@ class PoseGraphMapper(Mapper):
     def _information(self, step: WheelStep) -> FloatArray:
         """Information (3, 3) of the predicted pose, in the map frame."""
         information = self._graph.wheels.information(step)
-        heading = float(self._graph.poses[-1, 2])
+        heading = self._graph.poses[-1, 2]
         return turned_matrix(information, heading)
 
     def _place(self, step: WheelStep, scan: ScanView) -> float:
@@ -236,12 +229,11 @@ class PoseGraphMapper(Mapper):
             assert before is not None
             placed = self._recovery.check(target, scan, predicted, known, placed, before, last)
             self._stats.recovered_matches = self._recovery.recovered
-        firsts = [self._submaps[number].first for number in numbers]
-        matches = matches_of(placed, graph.poses, firsts, len(graph))
+        matches = target.matches(placed, graph.poses, len(graph))
         bound = np.zeros((3, 3))
         # A scan that fits poorly lies where the wheels say, and shows nothing of their errors.
         for match in matches if placed.fit >= POOR_FIT else ():
-            heading = float(graph.poses[match.old, 2])
+            heading = graph.poses[match.old, 2]
             bound += turned_matrix(match.information, heading)
         graph.append(placed.pose, step, known, bound)
         first_sure = self._submaps[older].first
@@ -274,7 +266,7 @@ class PoseGraphMapper(Mapper):
         poses = self._graph.poses[first : first + count]
         now = relative_poses(np.broadcast_to(poses[0], poses.shape), poses)
         moved = np.abs(now - np.array(submap.poses)) * (1.0, 1.0, 2.0)
-        if float(moved.sum(axis=1).max()) < STALE_METRES:
+        if moved.sum(axis=1).max() < STALE_METRES:
             return
         submap.clear()
         counts = self._scans["counts"]
@@ -291,8 +283,8 @@ class PoseGraphMapper(Mapper):
         count = len(seen.points)
         submap = self._submaps[-1]
         x, y, turn = step.moved
-        submap.size += float(np.hypot(x, y)) / SUBMAP_METRES
-        submap.size += abs(float(turn)) / SUBMAP_RADIANS
+        submap.size += np.hypot(x, y) / SUBMAP_METRES
+        submap.size += abs(turn) / SUBMAP_RADIANS
         if submap.size > 1.0 and len(submap.poses) >= SUBMAP_SCANS:
             self._close_submap(submap)
             submap = Submap(node, self._reach)
@@ -337,15 +329,4 @@ class PoseGraphMapper(Mapper):
         self._graph.optimise(anchors, iterations, is_closing)
 
     def _draw_path(self) -> None:
-        """Draw the scans that are new, and again those that have moved."""
-        poses = drawn_poses(self._graph.poses)
-        ranges = self._scans["ranges"]
-        before = self._drawn_poses
-        drawn = len(before)
-        has_moved = (poses[:drawn] != before).any(axis=1)
-        moved = np.flatnonzero(has_moved)
-        self._map.draw(before[moved], ranges[moved], sign=-1)
-        new = np.arange(drawn, len(poses))
-        again = np.concatenate([moved, new])
-        self._map.draw(poses[again], ranges[again])
-        self._drawn_poses = poses
+        self._map.follow(drawn_poses(self._graph.poses), self._scans["ranges"])

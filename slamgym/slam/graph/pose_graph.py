@@ -75,12 +75,12 @@ class PoseGraph:
     @property
     def poses(self) -> FloatArray:
         """Poses of the nodes (N, 3)."""
-        return np.asarray(self._nodes["poses"])
+        return self._nodes["poses"]
 
     @property
     def driven(self) -> FloatArray:
         """Way to each node (N,) [m]."""
-        return np.asarray(self._nodes["driven"])
+        return self._nodes["driven"]
 
     @property
     def num_bytes(self) -> int:
@@ -117,7 +117,7 @@ class PoseGraph:
         bound = np.ones(3, dtype=bool)
         if len(self):
             x, y, heading = self.poses[-1]
-            driven = float(self.driven[-1] + np.hypot(pose[0] - x, pose[1] - y))
+            driven = self.driven[-1] + np.hypot(pose[0] - x, pose[1] - y)
             self._added = self._added + inverted(by_wheels + by_laser)
             found = inverted(turned_matrix(by_laser, -heading) + np.eye(3))
             bound = found.diagonal() < np.square([TIED, TIED, TIED_TURN])
@@ -289,4 +289,4 @@ def graph_distances(
     weights = np.concatenate([lengths + 1e-3, ties])
     graph = csr_matrix((weights, (rows, cols)), shape=(num, num))
     ways = dijkstra(graph, directed=False, indices=np.array([node]))
-    return np.asarray(ways[0], dtype=np.float64)
+    return ways[0]

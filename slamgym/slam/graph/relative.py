@@ -38,10 +38,10 @@ def match_with(
         old: The submap's node.
         node: The scan's.
         pose: (3,) of the scan.
-        sums: (4, 4) what the submap binds there; see :class:`slamgym.slam.graph.alignment.NormalEquations`.
+        sums: (4, 4) what the submap binds there; see :class:`slamgym.slam.graph.alignment.Alignment`.
         count: Submaps that the scan was aligned with: their errors are one scan's.
     """
-    shift, information = weigh_match(sums, float(poses[old, 2]), count, WEAK)
+    shift, information = weigh_match(sums, poses[old, 2], count, WEAK)
     return Match(old, node, seen_from(poses[old], pose - shift), information)
 
 
@@ -79,7 +79,7 @@ def nearest_turn(angle: float) -> float:
 def chi_squared(pose: FloatArray, expected: FloatArray, information: FloatArray) -> float:
     """Squared Mahalanobis distance of a pose (3,) from the expected one, whose information (3, 3) is given."""
     away = pose - expected
-    away[2] = wrap_angle(float(away[2]))
+    away[2] = wrap_angle(away[2])
     pulled = (information * away).sum(axis=1)
     return float((pulled * away).sum())
 

@@ -151,7 +151,7 @@ def optimise(
         poses = moved
         wheels = changed
         cost = new
-        if float(np.abs(step).max()) < tolerance:
+        if np.abs(step).max() < tolerance:
             break
     return Solution(poses, wheels, undamped, levers, known)
 

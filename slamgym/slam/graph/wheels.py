@@ -91,11 +91,11 @@ class WheelCalibration:
     def expected(self, step: WheelStep) -> FloatArray:
         """The motion (3,) without the systematic errors."""
         change = (step.design * self.systematic).sum(axis=1)
-        return np.asarray(step.moved + change, dtype=np.float64)
+        return step.moved + change
 
     def variances(self, slips: FloatArray) -> FloatArray:
         """Variances (..., 2) of position and heading by random errors."""
-        return np.asarray(np.square(FLOORS) + self.noise * slips, dtype=np.float64)
+        return np.square(FLOORS) + self.noise * slips
 
     def information(self, step: WheelStep) -> FloatArray:
         """Information (3, 3) of the expected motion, in the frame that it starts from."""
@@ -134,8 +134,8 @@ class WheelCalibration:
                 squared = np.bincount(stretch, weights=errors[:, axis] * seen[:, axis]) ** 2
                 expected = self.noise[kind] * slip + MATCHED[kind]
                 squared = np.minimum(squared, OUTLYING * expected)
-                excess += float((squared - MATCHED[kind]).sum())
-                known += float(slip.sum())
+                excess += (squared - MATCHED[kind]).sum()
+                known += slip.sum()
             weight = len(axes) * PRIOR * STRETCH[kind]
             noise = (excess + FIRST_NOISE * weight) / (known + weight)
             self.noise[kind] = min(max(noise, LEAST_NOISE), MOST_NOISE)

@@ -35,7 +35,7 @@ def is_same(poses: FloatArray, pose: FloatArray) -> np.ndarray:
     turns = np.abs(wrap_angle(poses[:, 2] - heading))
     is_near = distances < SAME
     is_alike = turns < SAME_TURN
-    return np.asarray(is_near & is_alike)
+    return is_near & is_alike
 
 
 def find_places(known: KnownMap, points: FloatArray) -> list[FloatArray]:

@@ -104,7 +104,7 @@ class Hypothesis:
         if placed.fit < ALIGNED_FIT:
             return
         map_frame = np.zeros((1, 3))
-        match = match_with(map_frame, 0, 0, placed.pose, placed.sums, 1)
+        match = match_with(map_frame, 0, 0, placed.pose, placed.total, 1)
         measured = inverted(match.information + np.eye(3))
         gain = self.covariance[:, :3] @ inverted(own + measured)
         error = match.measured - self.pose

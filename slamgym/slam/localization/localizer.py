@@ -79,7 +79,6 @@ class MapLocalizer(Mapper):
         self._path = Columns(
             {"ranges": np.float32}, stamps=(), poses=(3,), ranges=(geometry.num_beams,)
         )
-        self._drawn = 0  # scans drawn
         self._sure = 0  # scans until the robot was last localised
 
     @property
@@ -106,19 +105,11 @@ class MapLocalizer(Mapper):
 
     def _move_unsure(self, shift: Pose2D) -> None:
         """Put the scans since the robot was sure of its place at another one."""
-        poses = self._path["poses"]
-        ranges = self._path["ranges"]
-        drawn = slice(self._sure, self._drawn)
-        self._map.draw(poses[drawn], ranges[drawn], sign=-1)
-        self._drawn = min(self._drawn, self._sure)
-        unsure = poses[self._sure :]
+        unsure = self._path["poses"][self._sure :]
         unsure[:] = transform_poses(shift, unsure)
 
     def _draw_path(self) -> None:
-        poses = self._path["poses"]
-        ranges = self._path["ranges"]
-        self._map.draw(poses[self._drawn :], ranges[self._drawn :])
-        self._drawn = len(self._path)
+        self._map.follow(self.trajectory().poses, self._path["ranges"])
 
     def _localize(self, increments: FloatArray, scan: LaserScan) -> None:
         """Take a scan and the motion (steps, 3) since the one before, in the robot frame."""

@@ -170,7 +170,7 @@ def distinct(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
         poses = np.array([other.pose for other in kept]).reshape(-1, 3)
         same = is_same(poses, hypothesis.pose)
         if same.any():
-            winner = kept[int(np.argmax(same))]
+            winner = kept[np.argmax(same)]
             if hypothesis.led > winner.led:
                 winner.inherit(hypothesis)
         else:

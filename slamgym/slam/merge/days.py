@@ -87,14 +87,14 @@ def _vote(cells: ByteArray, resolution: float) -> ByteArray:
 
 def are_clear(cells: ByteArray, resolution: float) -> BoolArray:
     """Free cells with no occupied one beside them."""
-    return np.asarray((cells == FREE) & ~_beside(cells == OCCUPIED, resolution))
+    return (cells == FREE) & ~_beside(cells == OCCUPIED, resolution)
 
 
 def _beside(surfaces: BoolArray, resolution: float) -> BoolArray:
     """Cells on surfaces and beside them."""
     reach = round(BESIDE_SURFACE / resolution)
     around = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
-    return np.asarray(cv2.dilate(surfaces.astype(np.uint8), around) > 0)
+    return cv2.dilate(surfaces.astype(np.uint8), around) > 0
 
 
 def count_now(votes: ByteArray) -> BoolArray:

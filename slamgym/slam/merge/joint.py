@@ -8,13 +8,7 @@ import numpy as np
 from slamgym.core.geometry import transform_poses
 from slamgym.core.portable import inverted
 from slamgym.core.types import FloatArray, Pose2D
-from slamgym.slam.graph.alignment import (
-    MOST_SUBMAPS,
-    AlignmentTarget,
-    matches_of,
-    nearest_within,
-    overlapping,
-)
+from slamgym.slam.graph.alignment import MOST_SUBMAPS, AlignmentTarget, nearest_within, overlapping
 from slamgym.slam.graph.closures import FEW_SURFACES
 from slamgym.slam.graph.factor import elimination_order, rank_anchors
 from slamgym.slam.graph.map_graph import MapGraph, joined_graph
@@ -63,8 +57,7 @@ def join(
     Returns:
         The joint graph; None if no submap of the second can be aligned there.
     """
-    placed = second.moved(transform_poses(Pose2D(*pose.tolist()), second.poses))
-    graph = joined_graph(first, placed)
+    graph = _laid_on(first, second, pose)
     own = graph.edges
     count = len(first.poses)
     ties: list[Match] = []
@@ -76,6 +69,12 @@ def join(
         edges = own.joined(Edges.of(ties, ROBUST_WIDTH))
         graph, covariance = _optimised(replace(graph, edges=edges), count)
     return Joint(graph, count, len({tie.new for tie in ties}), covariance)
+
+
+def _laid_on(first: MapGraph, second: MapGraph, pose: FloatArray) -> MapGraph:
+    """Two graphs as one, the second where a transform (3,) puts it; nothing ties them yet."""
+    placed = second.moved(transform_poses(Pose2D(*pose.tolist()), second.poses))
+    return joined_graph(first, placed)
 
 
 def _align_all(graph: MapGraph, submaps: tuple[list[Submap], list[Submap]]) -> list[Match]:
@@ -102,9 +101,10 @@ def _align_all(graph: MapGraph, submaps: tuple[list[Submap], list[Submap]]) -> l
         numbers = overlapping(target_of, near, seen.every(2), pose)[:MOST_SUBMAPS]
         if not numbers:
             continue
-        placed = target_of(numbers).align_freely(seen, pose)
+        target = target_of(numbers)
+        placed = target.align_freely(seen, pose)
         if placed.fit >= TIE_FIT and is_within(placed.pose, pose, MOST_MOVED):
-            ties += matches_of(placed, graph.poses, theirs[numbers].tolist(), node)
+            ties += target.matches(placed, graph.poses, node)
     return ties
 
 
@@ -132,8 +132,7 @@ def tied_loosely(
         pose: (3,) of its frame in that of the first.
         covariance: (3, 3) of that.
     """
-    placed = second.moved(transform_poses(Pose2D(*pose.tolist()), second.poses))
-    graph = joined_graph(first, placed)
+    graph = _laid_on(first, second, pose)
     node = len(first.poses)
     tie = Match(0, node, seen_from(graph.poses[0], graph.poses[node]), inverted(covariance))
     return replace(graph, edges=graph.edges.joined(Edges.of([tie], ROBUST_WIDTH)))

@@ -98,7 +98,7 @@ class FloorFields:
             The pose, and its covariance (3, 3).
         """
         placed = self._target.align_freely(surfaces, pose)
-        _, information = weigh_match(placed.equations.sums[0], 0.0, 1, WEAK)
+        _, information = weigh_match(placed.total, 0.0, 1, WEAK)
         return placed.pose, inverted(information + np.eye(3))
 
     def bent(self, other: Floor, pose: FloatArray) -> OrientedPoints:

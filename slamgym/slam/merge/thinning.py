@@ -48,7 +48,7 @@ def _known(graph: MapGraph, drive: DriveScans, nodes: slice, whole: HitCountMap)
     scans = slice(nodes.start - drive.first, nodes.stop - drive.first)
     drawn.draw(drawn_poses(graph.poses[nodes]), drive.ranges[scans])
     drawn.cover(whole.box)
-    return np.asarray(drawn.classified() != UNKNOWN)
+    return drawn.classified() != UNKNOWN
 
 
 def _reduced(graph: MapGraph, is_kept: BoolArray) -> MapGraph:
@@ -61,7 +61,7 @@ def _reduced(graph: MapGraph, is_kept: BoolArray) -> MapGraph:
     for drive in graph.drives:
         own = stays[drive.nodes]
         if own.any():
-            first = int(numbers[drive.first + int(np.argmax(own))])
+            first = int(numbers[drive.first + np.argmax(own)])
             kept = drive._replace(first=first, stamps=drive.stamps[own], ranges=drive.ranges[own])
             drives.append(kept)
     between = stays[graph.edges.first] & stays[graph.edges.second]
