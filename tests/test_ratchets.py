@@ -49,7 +49,7 @@ TOKENS: dict[str, int] = {
     "planning": 27650,
     "ros2": 24140,
     "sim": 26864,
-    "slam": 57900,
+    "slam": 57745,
     "slamgym": 121,
     "viz": 10638,
 }

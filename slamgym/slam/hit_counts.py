@@ -126,8 +126,8 @@ class HitCountMap:
             box = _around(box, covered)
             if box == covered:
                 return False
-        first_row = math.floor(box[0] / BLOCK) * BLOCK
-        first_col = math.floor(box[1] / BLOCK) * BLOCK
+        first_row = box[0] // BLOCK * BLOCK
+        first_col = box[1] // BLOCK * BLOCK
         height = math.ceil((box[2] - first_row) / BLOCK) * BLOCK
         width = math.ceil((box[3] - first_col) / BLOCK) * BLOCK
         if height * width * CELL_BYTES > self._memory_limit:

@@ -95,27 +95,32 @@ def seen_after(scan: LaserScan, step: Pose2D) -> Float32Array:
     returns = placed_returns(scan, scan.motion)
     new_from_robot = compose(inverse(geometry.mount), inverse(step))
     places = transform_points(new_from_robot, returns[np.isfinite(returns[:, 0])])
-    expected = np.full(geometry.num_beams, np.inf, np.float32)
-    nearest_by_beam(places, float(geometry.angle_min), float(geometry.angle_increment), expected)
+    first = float(geometry.angle_min)
+    each = float(geometry.angle_increment)
+    expected: Float32Array = nearest_by_beam(places, first, each, geometry.num_beams)
     return expected
 
 
 @kernel
-def nearest_by_beam(places: FloatArray, angle_min: float, step: float, out: Float32Array) -> None:
-    """What each beam would meet of some places.
+def nearest_by_beam(
+    places: FloatArray, angle_min: float, step: float, num_beams: int
+) -> Float32Array:
+    """How far away each beam (num_beams,) would meet some places; inf where it meets none [m].
 
     Args:
         places: (N, 2) in the frame of the laser [m].
         angle_min: Direction of the first beam [rad].
         step: Angle from each beam to the next [rad].
-        out: (num_beams,) distances that are shortened [m].
+        num_beams: Of the laser.
     """
+    met = np.full(num_beams, np.inf, dtype=np.float32)
     for i in range(len(places)):
         x = places[i, 0]
         y = places[i, 1]
         beam = beam_at(math.atan2(y, x) - angle_min, step)
-        if beam < len(out):
-            out[beam] = min(out[beam], math.hypot(x, y))
+        if beam < num_beams:
+            met[beam] = min(met[beam], math.hypot(x, y))
+    return met
 
 
 def _unlike_part(places: Sequence[float], begin: float, end: float) -> list[tuple[float, float]]:

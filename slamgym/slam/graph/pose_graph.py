@@ -181,8 +181,7 @@ class PoseGraph:
         # Where the laser said nothing, nothing is left of the odometry's edge.
         bound = self._nodes["bound"]
         seen = bound[1:] & bound[:-1]
-        errors = np.empty((len(seen), 3))
-        edge_errors(solution.poses, solution.wheels, plain(edges), errors)
+        errors = edge_errors(solution.poses, solution.wheels, plain(edges))[: len(seen)]
         slips = self._nodes["slips"][1:]
         self.wheels.learn(solution.wheels, solution.wheels_covariance, errors, slips, seen)
 

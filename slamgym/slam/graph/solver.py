@@ -111,16 +111,12 @@ def optimise(
     """
     layout = make_layout(places, edges.first, edges.second)
     count = len(edges.first)
-    size = len(places)
     systematic = len(wheels)
     axes = np.arange(3)
     damping = LEAST_DAMPING
     cost = total_cost(poses, wheels, plain(edges), prior)
     for _ in range(iterations):
-        blocks = np.zeros((count + size, 3, 3))
-        right = np.zeros((size, 3, 1 + systematic))
-        corner = np.zeros((systematic, 1 + systematic))
-        linearise(poses, wheels, plain(edges), prior, blocks, right, corner)
+        blocks, right, corner = linearise(poses, wheels, plain(edges), prior)
         on_diagonal = blocks[count:]
         diagonal = on_diagonal[:, axes, axes]
         undamped = layout.factorise(blocks)
@@ -164,16 +160,16 @@ def _reduced(corner: FloatArray, right: FloatArray, solved: FloatArray) -> Float
 
 
 @kernel
-def edge_errors(poses: FloatArray, wheels: FloatArray, edges: Edges, errors: FloatArray) -> None:
-    """Compute implied minus measured relative poses of the first edges, in the frame of each first node.
+def edge_errors(poses: FloatArray, wheels: FloatArray, edges: Edges) -> FloatArray:
+    """Compute implied minus measured relative poses (E, 3), in the frame of each first node.
 
     Args:
         poses: (N, 3)
         wheels: (K,) systematic errors.
         edges: The graph's.
-        errors: (count, 3) receives them; as many as it has rows.
     """
     edges = Edges(*edges)
+    errors = np.empty(edges.measured.shape)
     for edge in range(len(errors)):
         a = edges.first[edge]
         b = edges.second[edge]
@@ -190,6 +186,7 @@ def edge_errors(poses: FloatArray, wheels: FloatArray, edges: Edges, errors: Flo
             for col in range(len(wheels)):
                 error[row] -= edges.design[edge, row, col] * wheels[col]
         error[2] = nearest_turn(error[2])
+    return errors
 
 
 @kernel
@@ -208,8 +205,7 @@ def _scale(error: FloatArray, information: FloatArray, width: float) -> tuple[fl
 def total_cost(poses: FloatArray, wheels: FloatArray, edges: Edges, prior: FloatArray) -> float:
     """The objective of dynamic covariance scaling, s^2 chi2 + phi (1 - s)^2, summed, and the prior."""
     total = 0.0
-    errors = np.empty((len(edges[0]), 3))
-    edge_errors(poses, wheels, edges, errors)
+    errors = edge_errors(poses, wheels, edges)
     edges = Edges(*edges)
     for edge in range(len(errors)):
         chi2, scale = _scale(errors[edge], edges.information[edge], edges.width[edge])
@@ -223,14 +219,8 @@ def total_cost(poses: FloatArray, wheels: FloatArray, edges: Edges, prior: Float
 
 @kernel
 def linearise(
-    poses: FloatArray,
-    wheels: FloatArray,
-    edges: Edges,
-    prior: FloatArray,
-    blocks: FloatArray,
-    right: FloatArray,
-    corner: FloatArray,
-) -> None:
+    poses: FloatArray, wheels: FloatArray, edges: Edges, prior: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Compute the normal equations of ``E`` edges, ``N`` nodes and ``K`` errors of the wheels.
 
     Args:
@@ -238,15 +228,19 @@ def linearise(
         wheels: (K,)
         edges: The graph's.
         prior: (K,) information of the wheels' errors being zero.
-        blocks: (E + N, 3, 3) receives those of each edge's ends, and the diagonal.
-        right: (N, 3, 1 + K) receives the gradient, and the blocks of the nodes with the wheels.
-        corner: (K, 1 + K) receives the gradient of the wheels' errors, and their block.
+
+    Returns:
+        The blocks of each edge's ends, and those on the diagonal, (E + N, 3, 3); the gradient, and the blocks of the
+        nodes with the wheels, (N, 3, 1 + K); the gradient of the wheels' errors, and their block, (K, 1 + K).
     """
-    errors = np.empty((len(edges[0]), 3))
-    edge_errors(poses, wheels, edges, errors)
+    errors = edge_errors(poses, wheels, edges)
     edges = Edges(*edges)
     count = len(errors)
+    size = len(poses)
     systematic = len(wheels)
+    blocks = np.zeros((count + size, 3, 3))
+    right = np.zeros((size, 3, 1 + systematic))
+    corner = np.zeros((systematic, 1 + systematic))
     jacobian = np.zeros((3, 6))
     to_a = jacobian[:, :3]
     to_b = jacobian[:, 3:]
@@ -288,3 +282,4 @@ def linearise(
     for axis in range(systematic):
         corner[axis, 0] += prior[axis] * wheels[axis]
         corner[axis, 1 + axis] += prior[axis]
+    return blocks, right, corner
