@@ -130,7 +130,7 @@ class FloorFields:
     def _count_walls(self, surfaces: OrientedPoints, states: ByteArray) -> tuple[int, int]:
         """Number of surfaces in the open that are parts of walls, and of those in line with walls that agree."""
         cells = np.floor((surfaces.points - self._corner) / self._cell)
-        agreed = OrientedPoints(cells, surfaces.sides).at(states == AGREES)
+        agreed = OrientedPoints(self._cell * cells, surfaces.sides).at(states == AGREES)
         is_free = (states > 0) & (states < AGREES)
         free = cells[is_free]
         is_open = states[is_free] == OPEN
@@ -148,20 +148,38 @@ class FloorFields:
                 continue
             walls += in_open
             heading = math.radians(angle if sides[0] >= sides[1] else angle + 90.0)
-            seen = agreed.placed(seen_from(np.array([*middle, heading]), np.zeros(3)))
-            if goes_on(OrientedPoints(self._cell * seen.points, seen.sides), 0.5 * length):
+            place = (self._cell * middle[0], self._cell * middle[1])
+            if goes_on(*agreed, place, heading, 0.5 * length):
                 in_line += in_open
         return walls, in_line
 
 
-def goes_on(surfaces: OrientedPoints, end: float) -> bool:
-    """Whether surfaces go on in line with a wall that lies on the x axis from ``-end`` to ``end`` [m]."""
-    x, y = surfaces.points.T
-    steps = np.floor((np.abs(x) - end) / SUBMAP_CELL)
-    is_ahead = (np.abs(y) < TOLERANCES[FINE]) & (steps >= -1) & (steps < STEPS_AHEAD)
-    is_ahead &= np.abs(surfaces.sides[:, 1]) > FACES_ACROSS
-    ends = [np.unique(steps[is_ahead & is_end]) for is_end in (x > 0.0, x < 0.0)]
-    return max(map(len, ends)) >= LEAST_STEPS
+@kernel
+def goes_on(
+    points: FloatArray, sides: FloatArray, middle: tuple[float, float], heading: float, end: float
+) -> bool:
+    """Whether surfaces go on in line with a wall.
+
+    Args:
+        points: (n, 2) surfaces [m].
+        sides: (n, 3) their sides.
+        middle: Of the wall [m].
+        heading: Of the wall [rad].
+        end: Half of its length [m].
+    """
+    cos = math.cos(heading)
+    sin = math.sin(heading)
+    is_seen = np.zeros((2, STEPS_AHEAD + 1), dtype=np.bool_)
+    for i in range(len(points)):
+        x = points[i, 0] - middle[0]
+        y = points[i, 1] - middle[1]
+        along = cos * x + sin * y
+        step = math.floor((abs(along) - end) / SUBMAP_CELL) + 1
+        is_beside = abs(cos * y - sin * x) < TOLERANCES[FINE]
+        is_across = abs(cos * sides[i, 1] - sin * sides[i, 0]) > FACES_ACROSS
+        if is_beside and is_across and 0 <= step <= STEPS_AHEAD:
+            is_seen[int(along > 0.0), step] = True
+    return max(is_seen[0].sum(), is_seen[1].sum()) >= LEAST_STEPS
 
 
 @kernel
