@@ -168,7 +168,7 @@ def tried(
     candidates.append(int(rng.integers(len(scores))))
     choices = list(dict.fromkeys(candidates))
     returns = [rollout(env, choice, scorer) for choice in choices]
-    last = env.action_space.n - 1
+    last = len(env.action_masks()) - 1
     done = rollout(env, last, scorer) if env.loop.may_stop else None
     return Decision(home, frontiers, choices[0], choices, returns, done)
 
