@@ -23,7 +23,7 @@ def main(argv):
 WAY = [(1, 1), (2.2, 2.3), (3.8, 2.3), (4.7, 2.4), (4.7, 3.6), (7, 3.8)]
 
 
-def half_known(limit=5.0):
+def half_known(limit=6.5):
     """A map of which the right part was never seen."""
     grid = draw(FLAT, (1, 1))
     cells = grid.cells.copy()
@@ -85,13 +85,14 @@ def test_what_the_log_never_saw_is_copied_cell_by_cell():
     assert np.array_equal(now[unseen], old.cells[unseen])
 
 
-def test_a_wall_that_is_gone_is_cleared_in_the_end():
+def test_furniture_that_is_gone_is_cleared_in_the_end():
     log, _ = drive(FLAT, [(1, 1), (2.2, 2.3), (1, 1), (2.2, 2.3), (1, 1), *WAY[1:]])
-    old = draw(np.vstack([FLAT, [(1.6, 2.0, 2.0, 1.5), (2.0, 1.5, 2.4, 1.0)]]), (0.5, 0.5))
+    box = [(1.7, 1.2, 2.2, 1.2), (2.2, 1.2, 2.2, 1.7), (2.2, 1.7, 1.7, 1.7), (1.7, 1.7, 1.7, 1.2)]
+    old = draw(np.vstack([FLAT, box]), (0.5, 0.5))
     result = continued(log, old)
-    at = old.frame.to_cell(2.0, 1.5)
+    at = old.frame.to_cell(1.7, 1.5)
     assert old.cells[at] == OCCUPIED
-    assert result.grid.cells[result.grid.frame.to_cell(2.0, 1.5)] == FREE
+    assert result.grid.cells[result.grid.frame.to_cell(1.7, 1.5)] == FREE
 
 
 def test_another_resolution_is_refused():
