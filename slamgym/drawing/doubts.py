@@ -15,6 +15,8 @@ from slamgym.metrics.wall_direction import WallDirection
 
 CLEARANCES = (0.35, 4.0)
 """Between these lies, in each of 117 maps, what a tenth of the free floor is farther from all that isn't free [m]."""
+SMALLEST_FLOOR = 8.0
+"""A map of a building shows more floor than this [m2]: what a resolution that is wrong leaves of one room."""
 MUCH_UNSEEN = 0.15
 """Share of the floor."""
 MUCH_LEFT_OUT = 0.02
@@ -24,7 +26,9 @@ MUCH_LEFT_OUT = 0.02
 def find_doubts(drawing: Drawing, direction: WallDirection | None) -> Iterator[str]:
     """One sentence for each doubt. The direction of the walls is None if it was given rather than found."""
     clearance = widest_clearance(drawing.grid)
-    if not CLEARANCES[0] <= clearance <= CLEARANCES[1]:
+    if drawing.area < SMALLEST_FLOOR:
+        yield f"scale doubtful: the whole floor measures {drawing.area:.1f} m2; check the resolution"
+    elif not CLEARANCES[0] <= clearance <= CLEARANCES[1]:
         yield (
             f"scale doubtful: a tenth of the floor is more than {clearance:.2f} m from all walls and furniture, in "
             f"buildings that is {CLEARANCES[0]:g} to {CLEARANCES[1]:g} m; check the resolution"
