@@ -55,9 +55,8 @@ class HitCountMap:
         self.counts: np.ndarray = np.zeros((0, 0, 2), dtype=np.int32)
         """(rows, cols, 2) hits and visits, row 0 at the bottom."""
         self._cells: ByteArray = np.zeros((0, 0), dtype=np.uint8)
-        self._followed: FloatArray = np.zeros(
-            (0, 3)
-        )  # poses at which the scans of a path are drawn
+        # Poses at which the scans of a path are drawn.
+        self._followed: FloatArray = np.zeros((0, 3))
         self._dirty: LatticeBox | None = None  # what was drawn on since cells were last classified
 
     @property

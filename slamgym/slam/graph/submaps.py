@@ -96,7 +96,7 @@ class OrientedPoints(NamedTuple):
 
 
 class Submap:
-    """OrientedPoints in the frame of a node.
+    """Surfaces in the frame of a node.
 
     Args:
         first: The node, the first of those whose scans make the submap.

@@ -143,8 +143,8 @@ class MapLocalizer(Mapper):
         for hypothesis in self._hypotheses:
             # A place that was sure may lead out of the map; one that is sought must lie on it.
             excuses = hypothesis.was_sure
-            map_seen = self._beyond if excuses else self._known_map
-            hypothesis.align(map_seen.surfaces, taken)
+            shown = self._beyond if excuses else self._known_map
+            hypothesis.align(shown.surfaces, taken)
             against, fit = self._seeker.evidence(
                 hypothesis.pose, scan.ranges, excuses, hypothesis.missed
             )
