@@ -45,6 +45,8 @@ LARGEST_SAVING = 150.0
 FOLDS = 10
 SURE = 0.9
 """*Done* is said where it is better with this probability."""
+PRICE = TrainConfig().reward.time
+"""What a second costs in the reward of trainings."""
 PATH = CANDIDATE_FEATURES.index("path_length")
 DETOUR = CANDIDATE_FEATURES.index("tour_detour")
 
@@ -89,10 +91,6 @@ class Decision:
         return int(np.argmax(scores[self.tried]))
 
 
-PRICE = TrainConfig().reward.time
-"""What a second costs in the reward of trainings."""
-
-
 def main() -> None:
     arguments = tyro.cli(Arguments)
     decisions = try_choices(arguments)
@@ -122,10 +120,9 @@ def try_choices(arguments: Arguments) -> list[Decision]:
         observation, _ = env.reset(seed=int(rng.integers(1 << 31)))
         is_over = False
         while not is_over:
-            frontiers = only_frontiers(observation)
-            if len(frontiers["mask"]) > 1 and rng.random() < SHARE:
-                decisions.append(tried(env, home, frontiers, scorer, rng))
-            observation, _, terminated, truncated, _ = env.step(best(scorer, frontiers))
+            if observation["mask"].sum() > 1 and rng.random() < SHARE:
+                decisions.append(tried(env, home, only_frontiers(observation), scorer, rng))
+            observation, _, terminated, truncated, _ = env.step(best(scorer, observation))
             is_over = terminated or truncated
         print(f"{home + 1}/{len(plans)} homes, {len(decisions)} decisions", file=sys.stderr)
     return decisions
@@ -142,9 +139,9 @@ def only_frontiers(observation: Observation) -> Observation:
     }
 
 
-def best(scorer: FrontierScorer, frontiers: Observation) -> int:
+def best(scorer: FrontierScorer, observation: Observation) -> int:
     """The policy's choice; 0 if there is nothing to choose."""
-    return int(np.argmax(scorer.decide(frontiers).scores)) if len(frontiers["mask"]) else 0
+    return int(np.argmax(scorer.decide(observation).scores)) if observation["mask"].any() else 0
 
 
 def tour_scores(frontiers: Observation) -> FloatArray:
@@ -182,7 +179,7 @@ def rollout(env: ExploreFrontiersEnv, action: int, scorer: FrontierScorer) -> fl
         observation, reward, terminated, truncated, _ = one.step(action)
         total += reward
         is_over = terminated or truncated
-        action = best(scorer, only_frontiers(observation))
+        action = best(scorer, observation)
     return total
 
 

@@ -117,9 +117,8 @@ class ParticleMaps:
         self.resolution = resolution
         self.pool = TilePool.empty(FIRST_TILES)
         self.tables = np.zeros((particles, 0, 0), dtype=np.int32)
-        self._first = np.zeros(
-            2, dtype=np.int64
-        )  # tile (col, row) of the lattice where the tables begin
+        # Tile (col, row) of the lattice where the tables begin.
+        self._first = np.zeros(2, dtype=np.int64)
         self.origin: FloatArray = np.zeros(2)
         self._memory_limit = memory_limit_mb * 1e6
 
