@@ -23,6 +23,7 @@ from slamgym.envs import EpisodeConfig, ExploreConfig, run_episode
 from slamgym.interop import Log, LogRecord
 from slamgym.sim import lidar_level, odometry_level
 from slamgym.slam import SlamConfig
+from slamgym.slam.config import RANGE_MARGIN
 
 DEMO_SEED, DEMO_PLANS = 1, 8
 """Those of ``make demo``."""
@@ -40,10 +41,10 @@ class Conditions(NamedTuple):
     view_deg: int = 180  # a beam a degree
     sweep: float = 0.0  # [s]
 
-    @property
-    def usable_range(self) -> float:
-        """Longer returns are not matched [m]."""
-        return self.range_max - 0.05
+    def mapper(self, mode: str) -> SlamConfig:
+        """Settings of an environment's mapper."""
+        usable = self.range_max - RANGE_MARGIN
+        return SlamConfig(mode=mode, max_usable_range=usable)  # type: ignore[arg-type]
 
     def episode(self) -> EpisodeConfig:
         """Settings of an exploration with a known pose."""
@@ -63,7 +64,7 @@ class Conditions(NamedTuple):
                 env,
                 odometry=odometry_level(self.odometry),
                 lidar=lidar,
-                slam=SlamConfig(mode="ground_truth", max_usable_range=self.usable_range),
+                slam=self.mapper("ground_truth"),
             ),
         )
 

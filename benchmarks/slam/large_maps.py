@@ -18,7 +18,6 @@ from zoo import verdict_of
 from slamgym.agents.bench.manifest import open_bench_plans, read_bench
 from slamgym.cad import FloorPlan
 from slamgym.metrics import absolute_trajectory_error
-from slamgym.slam import SlamConfig
 from slamgym.slam.mapper import Mapper
 from slamgym.slam.replay import replay
 
@@ -81,8 +80,7 @@ def large_rows(modes: list[str], cache: Path) -> Rows:
 def building_row(one: Drive, mode: str) -> dict[str, Any]:
     """Figures of a mode on one drive."""
     clock = ScanClock([time.process_time()])
-    config = SlamConfig(mode=mode, max_usable_range=CASE.usable_range)  # type: ignore[arg-type]
-    result = replay(one.log, config, np.random.default_rng(0), clock)
+    result = replay(one.log, CASE.mapper(mode), np.random.default_rng(0), clock)
     end = time.process_time() - clock.times[-1]
     start, aligned = (
         absolute_trajectory_error(result.processed, one.truth, align=align).translation.rmse

@@ -169,7 +169,7 @@ def logs(arguments: argparse.Namespace) -> Rows:
 def demo(arguments: argparse.Namespace) -> Rows:
     """Explorations of the bundled plans that drive by the mapper's own pose."""
     return [
-        {"mode": mode} | demo_maps.demo_figures(settings_of(mode, Conditions()), arguments.seeds)
+        {"mode": mode} | demo_maps.demo_figures(Conditions().mapper(mode), arguments.seeds)
         for mode in arguments.modes
         if mode != "dead_reckoning"
     ]
@@ -225,7 +225,7 @@ def with_ratios(rows: Rows) -> Rows:
 
 def drive_row(drives: Sequence[Drive], case: Conditions, mode: str) -> dict[str, Any]:
     """One mode on all drives of a case."""
-    config = settings_of(mode, case)
+    config = case.mapper(mode)
     results = [measure(one, config, seed) for seed, one in enumerate(drives)]
     errors = np.array([result.error for result in results])
     interval, nees = mean_interval(errors), np.concatenate([result.nees for result in results])
@@ -241,11 +241,6 @@ def drive_row(drives: Sequence[Drive], case: Conditions, mode: str) -> dict[str,
         "doubts": round(float(np.mean([result.spans for result in results])), 1),
         "ms per scan": round(float(np.median([result.milliseconds for result in results])), 2),
     }
-
-
-def settings_of(mode: str, case: Conditions) -> SlamConfig:
-    """Settings of an environment's mapper."""
-    return SlamConfig(mode=mode, max_usable_range=case.usable_range)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
