@@ -94,12 +94,14 @@ def arguments_of(config: LearnerConfig) -> dict[str, Any]:
 
 def _scheduled(name: str, value: Any) -> Any:
     """A value that falls linearly to a tenth, where it is written so."""
-    if not (isinstance(value, str) and value.startswith("lin_")):
+    if not isinstance(value, str):
         return value
     try:
         first = float(value.removeprefix("lin_"))
     except ValueError:
-        raise ConfigError(f"{name}: {value!r} is no schedule; write lin_3e-4") from None
+        raise ConfigError(f"{name}: {value!r} is no number; write 3e-4, or lin_3e-4") from None
+    if not value.startswith("lin_"):
+        return first
     return lambda left: first * max(0.1, left)
 
 

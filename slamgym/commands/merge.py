@@ -175,7 +175,9 @@ def _report(folder: Path, summary: dict[str, Any]) -> Iterator[str]:
         walls = entry["walls_m"]
         said = f"a GUESS: {entry['doubt']}" if entry["doubt"] else "sure"
         yield (
-            f"{entry['name']}: at {x:.2f}, {y:.2f} m, turned by {np.degrees(turn):.1f} degrees: {said}\n"
+            f"{entry['name']}: at {x:.2f}, {y:.2f} m, turned by {np.degrees(turn):.1f} degrees: {said}"
+        )
+        yield (
             f"  {walls['agreed']:.0f} m of wall agree, {walls['contradicted']:.1f} m contradict; evidence "
             f"{entry['evidence_nats']:.1f} nats, at the next place {entry['evidence_of_next_place_nats']:.1f}"
         )

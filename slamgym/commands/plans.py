@@ -140,13 +140,15 @@ def _usable(arguments: _Selection) -> tuple[Iterator[FloorPlan], _Rejections]:
     return usable(), rejections
 
 
-def list_command(arguments: ListPlans) -> None:
-    """Run ``slamgym plans list``."""
+def list_command(arguments: ListPlans) -> int:
+    """Run ``slamgym plans list``; returns 1 if no plan can be explored."""
     plans, rejections = _usable(arguments)
     tell(
         f"{'id':32} {'area m2':>8} {'rooms':>5} {'size m':>13} {'corners':>7} {'holes':>5} {'doors':>5}"
     )
+    listed = 0
     for plan in plans:
+        listed += 1
         min_x, min_y, max_x, max_y = plan.bounds
         size = f"{max_x - min_x:.1f} x {max_y - min_y:.1f}"
         tell(
@@ -154,6 +156,7 @@ def list_command(arguments: ListPlans) -> None:
             f"{len(plan.free_space.interiors):5d} {len(plan.doors):5d}"
         )
     _report(rejections)
+    return int(listed == 0)
 
 
 def check_command(arguments: CheckPlans) -> int:
@@ -165,8 +168,8 @@ def check_command(arguments: CheckPlans) -> int:
     return 1 if rejections else 0
 
 
-def draw_command(arguments: DrawPlans) -> None:
-    """Run ``slamgym plans draw``."""
+def draw_command(arguments: DrawPlans) -> int:
+    """Run ``slamgym plans draw``; returns 1 if no plan could be drawn."""
     from slamgym.viz.canvas import write_picture
     from slamgym.viz.plan_pictures import draw_plan_sheet
 
@@ -177,10 +180,11 @@ def draw_command(arguments: DrawPlans) -> None:
         write_picture(arguments.out, draw_plan_sheet(plans))
         tell(f"{counted(len(plans), 'plan')} drawn: {arguments.out}")
     _report(rejections, arguments.out.with_name("rejected.jsonl"))
+    return int(not plans)
 
 
-def write_command(arguments: WritePlans) -> None:
-    """Run ``slamgym plans write``."""
+def write_command(arguments: WritePlans) -> int:
+    """Run ``slamgym plans write``; returns 1 if no plan could be written."""
     from slamgym.cad.houseexpo import write_houseexpo
 
     plans, rejections = _usable(arguments)
@@ -192,6 +196,7 @@ def write_command(arguments: WritePlans) -> None:
         written += 1
     tell(f"{counted(written, 'plan')} written: {arguments.out}")
     _report(rejections, arguments.out / "rejected.jsonl")
+    return int(written == 0)
 
 
 def _report(rejections: _Rejections, path: Path | None = None) -> None:

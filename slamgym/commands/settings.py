@@ -34,6 +34,13 @@ class SettingsOptions(Arguments):
     """Write all settings of this run to a JSON file."""
 
     def configured(self, default: _T, options: Mapping[str, Any]) -> _T:
+        """The settings of a run as :meth:`chosen`, written to the file of ``save_config``."""
+        config = self.chosen(default, options)
+        if self.save_config is not None:
+            write_text(self.save_config, json_text({"version": __version__, **to_dict(config)}))
+        return config
+
+    def chosen(self, default: _T, options: Mapping[str, Any]) -> _T:
         """The settings of a run.
 
         Args:
@@ -57,10 +64,7 @@ class SettingsOptions(Arguments):
         for name, value in options.items():
             if value is not None:
                 _put(values, _full_name(name, names), None if value is CLEARED else value)
-        config = from_dict(type(default), values)
-        if self.save_config is not None:
-            write_text(self.save_config, json_text({"version": __version__, **to_dict(config)}))
-        return config
+        return from_dict(type(default), values)
 
 
 AllSettings = Annotated[SettingsOptions, tyro.conf.arg(name="")]

@@ -81,10 +81,11 @@ def main(arguments: SlamArguments) -> None:
     from slamgym.slam.merge.stored import stored_part
 
     require_folder(arguments.out)
+    _check_settings(arguments)
+    older = None if arguments.continue_ is None else stored_part(arguments.continue_)
     relations = read_relations(arguments.relations) if arguments.relations is not None else None
     log = checked_log(arguments.log, arguments)
     truth = read_truth(arguments.log)
-    older = None if arguments.continue_ is None else stored_part(arguments.continue_)
     config = _config(arguments, log, older)
     result = _replay(arguments, log, config)
     if older is not None:
@@ -105,12 +106,13 @@ def main(arguments: SlamArguments) -> None:
     end_results(arguments.out, summary, _report(arguments.out, summary))
 
 
-def _config(arguments: SlamArguments, log: Log, older: Part | None) -> SlamConfig:
-    suited = SlamConfig.for_log(log.geometry.range_max, log.geometry.num_beams)
-    if older is not None:
-        suited = replace(suited, resolution=older.floor.grid.frame.resolution)
-    options = {"mode": arguments.mode, "particles": arguments.particles}
-    config = arguments.settings.configured(suited, options)
+def _options(arguments: SlamArguments) -> dict[str, Any]:
+    return {"mode": arguments.mode, "particles": arguments.particles}
+
+
+def _check_settings(arguments: SlamArguments) -> None:
+    """Refuse wrong settings before a log is read, which may take long."""
+    config = arguments.settings.chosen(SlamConfig(), _options(arguments))
     if config.mode == "ground_truth":
         raise ConfigError(
             "--mode ground_truth is for simulation; a log holds no true poses (try dead_reckoning)"
@@ -119,7 +121,13 @@ def _config(arguments: SlamArguments, log: Log, older: Part | None) -> SlamConfi
         raise ConfigError(
             "--mode map makes no map; use slamgym localize MAP LOG, or --continue MAP to go on with one"
         )
-    return config
+
+
+def _config(arguments: SlamArguments, log: Log, older: Part | None) -> SlamConfig:
+    suited = SlamConfig.for_log(log.geometry.range_max, log.geometry.num_beams)
+    if older is not None:
+        suited = replace(suited, resolution=older.floor.grid.frame.resolution)
+    return arguments.settings.configured(suited, _options(arguments))
 
 
 def _replay(arguments: SlamArguments, log: Log, config: SlamConfig) -> ReplayResult:

@@ -269,6 +269,9 @@ class PlanCache:
 
 def listed_plans(plans: Sequence[FloorPlan]) -> PlanSource:
     """Plans at hand as a source."""
+    for plan in plans:
+        if not isinstance(plan, FloorPlan):
+            raise ConfigError(f"a list of plans must hold FloorPlans, not {plan!r}")
     by_id = {plan.id: plan for plan in plans}
     if not plans or len(by_id) < len(plans):
         raise ConfigError("plans must hold at least one plan, and their ids must differ")

@@ -226,12 +226,16 @@ def classify_greys(
     return table.astype(np.uint8)[grey]
 
 
+_KEYS = "it needs the keys image, resolution and origin"
+
+
 def _read_description(path: Path) -> MapDescription:
     values = parse_yaml(read_text(path, YAML_BYTES), path)
     if not isinstance(values, dict):
-        raise InputFileError(
-            path, "is not a map description; it needs the keys image, resolution and origin"
-        )
+        raise InputFileError(path, f"is not a map description; {_KEYS}")
+    for name in ("image", "resolution", "origin"):
+        if name not in values:
+            raise InputFileError(path, f"is not a map description: {name!r} is missing; {_KEYS}")
     words = {name: str(values[name]).lower() for name in ("mode", "negate") if name in values}
     keys = ("resolution", "occupied_thresh", "free_thresh")
     numbers = {name: _as_number(values[name]) for name in keys if name in values}

@@ -211,7 +211,7 @@ def _bag_path(path: Path) -> Path:
     if len(storage) != 1:
         raise InputFileError(
             path,
-            f"is a folder without a ROS bag's metadata.yaml, and with {len(storage)} bags; name a bag",
+            f"is no episode and no ROS bag (no metadata.yaml), and {len(storage)} bags are in it; name the log itself",
         )
     return storage[0]
 

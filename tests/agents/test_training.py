@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from slamgym.agents.plan_splits import draw_plans, split_of
-from slamgym.agents.rl.learner import LearnerConfig
+from slamgym.agents.rl.learner import LearnerConfig, arguments_of
 from slamgym.agents.rl.train_config import TrainConfig
 from slamgym.core.config import from_dict, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
@@ -126,6 +126,16 @@ def test_a_resumed_run_draws_other_plans_than_at_its_beginning(tmp_path, monkeyp
     assert seeds == [0]
     train(dataclasses.replace(TINY, steps=12), tmp_path)
     assert seeds == [0, 0, done]
+
+
+def test_hyperparameters_are_numbers_or_schedules():
+    config = LearnerConfig("ppo", {"learning_rate": "lin_1.0", "clip_range": "0.5"})
+    arguments = arguments_of(config)
+    assert arguments["learning_rate"](0.5) == 0.5
+    assert arguments["clip_range"] == 0.5
+    for wrong in ("fast", "lin_fast"):
+        with pytest.raises(ConfigError, match="is no number"):
+            arguments_of(LearnerConfig("ppo", {"learning_rate": wrong}))
 
 
 @pytest.mark.parametrize("algorithm", ["a2c", "trpo"])

@@ -80,14 +80,14 @@ def test_pictures_without_a_building_are_refused(draw, tmp_path, cells, message)
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("image: map.png\norigin: [0, 0, 0]\n", "'resolution' of MapDescription is missing"),
+        ("image: map.png\norigin: [0, 0, 0]\n", "'resolution' is missing"),
         (yaml_text(resolution="0"), "resolution must be in [1e-05, 100], not 0"),
         (yaml_text(resolution="-0.05"), "resolution must be in [1e-05, 100], not -0.05"),
         (yaml_text(resolution=".nan"), "resolution must be in [1e-05, 100], not nan"),
         (yaml_text(resolution="wide"), "resolution must be of type float, not 'wide'"),
         (yaml_text(resolution="0.0001"), "holds no floor of 1 m2 or more"),
         (yaml_text(image="gone.png"), "gone.png: the map's image can't be read"),
-        ("resolution: 0.05\n", "'image' of MapDescription is missing"),
+        ("resolution: 0.05\n", "'image' is missing"),
         ("[1, 2", "not valid yaml"),
         ("- 1\n", "not a map description"),
     ],
@@ -201,12 +201,11 @@ def test_maps_of_one_name_become_drawings_of_their_own(tmp_path, capsys):
 
 
 def test_the_drawing_of_another_map_stays(draw, tmp_path):
-    grid, _, _ = painted(FLAT)
-    for folder in ("a", "b"):
+    for folder, resolution in (("a", 0.05), ("b", 0.04)):
         (tmp_path / folder).mkdir()
-        write_ros_map(tmp_path / folder / "map", grid)
+        write_ros_map(tmp_path / folder / "map", painted(FLAT, resolution)[0])
     assert draw("a/map.yaml")[0] == 0
-    assert draw("a/map.yaml")[0] == 0
+    assert draw("b/../a/map.yaml")[0] == 0  # the same map by another path
     drawn = (tmp_path / "out" / "map.json").read_bytes()
     command = [
         "cad",

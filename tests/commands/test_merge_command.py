@@ -67,7 +67,9 @@ def test_a_graph_a_log_and_a_bare_map_become_one_map(folder, capsys):
     assert contents(folder / "a") == before
     captured = capsys.readouterr()
     assert "picture alone" in captured.err
-    assert "sure" in captured.out
+    lines = [line for line in captured.out.splitlines() if line.startswith(str(folder / "b.log"))]
+    assert len(lines) == 1
+    assert lines[0].endswith(": sure")
 
 
 def test_two_buildings_are_refused_in_a_sentence_and_nothing_is_written(folder, capsys):

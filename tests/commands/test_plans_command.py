@@ -87,6 +87,17 @@ def test_write_lists_what_it_left_out(folder, tmp_path):
     assert set(rejected(out / "rejected.jsonl")) == set(FAULTS)
 
 
+def test_it_is_a_failure_if_no_plan_can_be_used(folder, tmp_path):
+    bad = folder / "crossing.json"
+    for arguments in (
+        ["list"],
+        ["draw", "--out", tmp_path / "a.png"],
+        ["write", "--out", tmp_path],
+    ):
+        assert main([arguments[0], bad, *arguments[1:]]) == 1
+    assert not (tmp_path / "a.png").exists()
+
+
 def test_draw_makes_a_sheet(folder, tmp_path):
     out = tmp_path / "sheet.png"
     assert main(["draw", str(folder), "--out", str(out)]) == 0

@@ -275,6 +275,9 @@ def test_resets_are_checked(hall):
         batch.reset(options={"reset_mask": np.array([1, 0])})
     with pytest.raises(ActionError, match="speed"):
         batch.step(np.array([[0.0, 0.0], [np.nan, 0.0]]))
+    for count in (1, 3):
+        with pytest.raises(ActionError, match="2 actions, one for each environment"):
+            batch.step(np.zeros((count, 2)))
     batch.step(np.zeros((2, 2)))
     with pytest.raises(gym.error.ResetNeeded):
         batch.step(np.zeros((2, 2)))

@@ -61,6 +61,8 @@ def test_an_unknown_localisation_is_refused(flat: FloorPlan):
 def test_plans_that_are_no_plans_are_refused():
     with pytest.raises(InputFileError, match="no such file"):
         ExploreEnv("nowhere/plans.json")
+    with pytest.raises(ConfigError, match="a list of plans must hold FloorPlans, not 'bundled'"):
+        ExploreEnv(["bundled"])  # type: ignore[list-item]
     with pytest.raises(ConfigError, match="plans must"):
         ExploreEnv(42)  # type: ignore[arg-type]
     with pytest.raises(ConfigError, match="at least one"):

@@ -131,10 +131,12 @@ class TestErrors:
             main([str(episode), "-o", str(tmp_path / "out")])
         assert (tmp_path / "out").read_text() == "mine"
 
-    def test_settings_from_a_file_are_checked(self, tmp_path, episode):
+    def test_settings_from_a_file_are_checked_before_the_log_is_read(self, tmp_path):
         (tmp_path / "s.json").write_text('{"sigmaa": 1}')
+        (tmp_path / "broken.log").write_text("")
+        arguments = [str(tmp_path / "broken.log"), "-o", str(tmp_path / "out")]
         with pytest.raises(InputFileError, match="sigma"):
-            main([str(episode), "-o", str(tmp_path / "out"), "--config", str(tmp_path / "s.json")])
+            main([*arguments, "--config", str(tmp_path / "s.json")])
 
     def test_ground_truth_is_not_for_logs(self, tmp_path, episode):
         with pytest.raises(ConfigError, match="simulation"):

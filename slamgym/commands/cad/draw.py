@@ -29,6 +29,7 @@ from slamgym.core.progress import counted, say, tell
 from slamgym.drawing.settings import DEFAULT_MODEL, DRAWING_FORMATS
 
 if TYPE_CHECKING:
+    from slamgym.core.types import OccupancyGrid
     from slamgym.drawing import Drawing, FloorModel
 
 BUILDING_MODELS = Extra("ifc", ("ifcopenshell",))
@@ -165,7 +166,7 @@ def _draw(name: str, path: Path, job: _Job) -> Drawing:
     robot_map = read_map(path, arguments.resolution)
     stem = arguments.out / name
     pictures = [name.replace("yaml", "pgm") for name in job.formats if name.endswith("yaml")]
-    _spare_files(path, stem, [*job.formats, *pictures])
+    _spare_files(path, robot_map.grid, stem, [*job.formats, *pictures])
     corrections = None
     if arguments.corrections is not None:
         corrections = read_corrections(arguments.corrections)
@@ -196,13 +197,19 @@ def _draw(name: str, path: Path, job: _Job) -> Drawing:
     return drawing
 
 
-def _spare_files(path: Path, stem: Path, suffixes: list[str]) -> None:
+def _spare_files(path: Path, grid: OccupancyGrid, stem: Path, suffixes: list[str]) -> None:
     """Refuse to write over the map, the picture that its yaml names, or the drawing of another map."""
+    from slamgym.drawing.edits import map_digest
     from slamgym.interop.ros_map import described_picture
 
     sources = [path, described_picture(path)] if path.suffix.lower() in YAML_SUFFIXES else [path]
     for suffix in suffixes:
         spare_inputs(sources, stem.with_name(f"{stem.name}.{suffix}"))
     older = stem.with_name(f"{stem.name}.json")
-    if older.is_file() and json.dumps(str(path)).encode() not in read_bytes(older):
+    if not older.is_file():
+        return
+    # Drawn anew by the same path, or by another path to the same cells.
+    of_this_map = (json.dumps(str(path)), map_digest(grid))
+    written = read_bytes(older)
+    if not any(text.encode() in written for text in of_this_map):
         raise InputFileError(older, f"is no drawing of {path}; name another --out, or remove it")

@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from slamgym.core.config import suggest
-from slamgym.core.errors import ConfigError
+from slamgym.core.errors import ActionError, ConfigError
 from slamgym.core.jit import announce_compilation
 from slamgym.core.types import BoolArray, Float32Array, FloatArray, IntArray
 from slamgym.envs.batch.exploration import Explorations
@@ -167,7 +167,10 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
         fresh = self._over if mode == AutoresetMode.NEXT_STEP else ~everyone
         lived = ~fresh
         begins = fresh if fresh.any() else None
-        outcome = explorations.step(self._actions.to_commands(actions), begins, self._generators)
+        commands = self._actions.to_commands(actions)
+        if len(commands) != self.num_envs:
+            raise ActionError(actions, f"{self.num_envs} actions, one for each environment")
+        outcome = explorations.step(commands, begins, self._generators)
         rewards = np.where(fresh, 0.0, outcome.rewards)
         self._over = over = outcome.terminations | outcome.truncations
         is_published = explorations.is_published
