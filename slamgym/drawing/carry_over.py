@@ -19,12 +19,7 @@ from slamgym.core.geometry import inverse, transform_points
 from slamgym.core.types import FloatArray, OccupancyGrid, Pose2D
 from slamgym.drawing.comparison.faces import map_evidence, plan_walls
 from slamgym.drawing.edits import THICKEST_ADDED_WALL, Correction, Corrections, map_digest
-from slamgym.drawing.openings import INTO_WALLS
-from slamgym.drawing.settings import USUAL_CELL
-
-SAME_ROOM = 0.5
-"""A room keeps its id where it shares so much of the smaller one's area with the former room, and has the name of what
-covers more of it: then no other can."""
+from slamgym.drawing.settings import MAJORITY, SAME_PLACE, USUAL_CELL
 
 
 def carried_over(corrections: Corrections, grid: OccupancyGrid) -> Corrections:
@@ -41,8 +36,8 @@ def carried_over(corrections: Corrections, grid: OccupancyGrid) -> Corrections:
         return replace(corrections, faults=(*corrections.faults, said))
     from slamgym.drawing.comparison.registration import register
 
-    floors = [room.shape.buffer(INTO_WALLS, join_style="mitre") for room in corrections.rooms]
-    floor = shapely.union_all(floors).buffer(-INTO_WALLS, join_style="mitre")
+    floors = [room.shape.buffer(SAME_PLACE, join_style="mitre") for room in corrections.rooms]
+    floor = shapely.union_all(floors).buffer(-SAME_PLACE, join_style="mitre")
     plan = FloorPlan("former", largest_part(floor))
     found = register(plan, plan_walls(plan), map_evidence(grid))
     if not found.is_same_building:
@@ -95,7 +90,7 @@ def room_ids(rooms: Sequence[Polygon], corrections: Corrections) -> list[str]:
     ]
     ids: dict[int, str] = {}
     for area, number, own in sorted(shared, reverse=True):
-        is_same = area >= SAME_ROOM * min(rooms[number].area, former[own].area)
+        is_same = area >= MAJORITY * min(rooms[number].area, former[own].area)
         if is_same and number not in ids and own not in ids.values():
             ids[number] = own
     fresh = (f"R{number:02d}" for number in range(1, len(rooms) + len(former) + 1))

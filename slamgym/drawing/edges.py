@@ -16,10 +16,6 @@ from slamgym.drawing.settings import SAME_DIRECTION, USUAL_CELL
 
 FREE_AXIS = -1
 """Axis of an edge that keeps its own direction."""
-TOLERANCE = 0.045
-"""An outline strays from its straight lines by at most this, or by a cell where that is more [m]."""
-MERGE = 0.06
-"""Steps in a wall of at most this are the map's, not the wall's [m]."""
 CHAMFER = 0.2
 """An oblique edge of at most this between two walls at right angles is a corner that was rounded [m]. Without this
 rule drawings have 6 % more vertices."""
@@ -137,7 +133,7 @@ def joined(first: Edge, second: Edge) -> Edge:
 
 
 def simplified(edges: list[Edge]) -> list[Edge]:
-    """Join edges that continue each other, and drop rounded corners and steps that are the map's."""
+    """Join edges that continue each other, and drop rounded corners and steps of a cell, which are the map's."""
     ring = list(edges)
     index = 0
     in_vain = 0
@@ -161,7 +157,7 @@ def _simplify_at(ring: list[Edge], index: int) -> bool:
     if _continues(a, b):
         ring[index] = joined(a, b)
         gone = {second}
-    elif b.length <= MERGE + TOLERANCE and _continues(a, c):
+    elif b.length <= 2.0 * USUAL_CELL and _continues(a, c):
         ring[index] = joined(a, c)
         gone = {second, third}
     elif b.length <= CHAMFER and b.axis == FREE_AXIS and {a.axis, c.axis} == {0, 1}:
@@ -178,4 +174,4 @@ def _continues(a: Edge, b: Edge) -> bool:
     if a.axis == FREE_AXIS or a.axis != b.axis:
         return False
     is_alike = (a.direction * b.direction.conjugate()).real > 0.0
-    return is_alike and abs(a.offset - b.offset) <= MERGE
+    return is_alike and abs(a.offset - b.offset) <= USUAL_CELL

@@ -33,12 +33,14 @@ from slamgym.core.documents import known_fields, read_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.names import Label
 from slamgym.core.types import OccupancyGrid
-from slamgym.drawing.settings import NARROWEST_CUT, OUTER_THICKNESS
+from slamgym.drawing.settings import OUTER_THICKNESS
 
 THICKEST_ADDED_WALL = 2.0
 """Walls that a person adds or takes away are no thicker [m]."""
 BEYOND_MAP = 5.0
-"""Corrections lie at most so far from the known part of the map [m]."""
+"""Corrections lie at most so far from the known part of the map [m]: people click beside it, a wrong file lies away."""
+SHORTEST_LINE = 0.1
+"""Lines of corrections are longer [m]: nobody means two places that are nearer to each other."""
 AT_PLACES = ("join", "name_room", "remove_room")
 """Kinds of corrections at a place; the others have a line."""
 _Metres = Annotated[float, Within(ge=-1e5, le=1e5)]
@@ -77,8 +79,8 @@ class Correction:
             raise ConfigError(f"{self.kind} needs 'at': [x, y]")
         if self.kind not in AT_PLACES and len(self.line) != 2:
             raise ConfigError(f"{self.kind} needs 'line': [[x, y], [x, y]]")
-        if self.line and LineString(self.line).length < NARROWEST_CUT:
-            raise ConfigError(f"the line of {self.kind} must be at least {NARROWEST_CUT:g} m long")
+        if self.line and LineString(self.line).length < SHORTEST_LINE:
+            raise ConfigError(f"the line of {self.kind} must be at least {SHORTEST_LINE:g} m long")
 
     def as_dict(self) -> dict[str, Any]:
         """What JSON says of it."""

@@ -14,7 +14,7 @@ from shapely import MultiPolygon
 from slamgym.core.types import FREE, BoolArray, Float32Array, FloatArray, IntArray, OccupancyGrid
 from slamgym.drawing.evidence import SEEN_WITHIN
 from slamgym.drawing.polygons import straightened
-from slamgym.drawing.settings import NARROWEST_CUT, SMALLEST_ROOM, THICKEST_WALL
+from slamgym.drawing.settings import OUTER_THICKNESS, SMALLEST_ROOM, THICKEST_WALL
 from slamgym.metrics.cleaning import clean_map, without_small
 from slamgym.metrics.layers import MapLayers, without_rays
 from slamgym.metrics.maps import distance_to
@@ -22,7 +22,8 @@ from slamgym.metrics.maps import distance_to
 NO_MODEL = "none"
 """Name of the cleaning without a network."""
 FACE_DEPTH = 0.5
-"""Mean depth of a wall's face in the wall's first cell [cells]: a cell is occupied from its first echo on."""
+"""Mean depth of a wall's face in the wall's first cell [cells]: a cell is occupied from its first echo on. With
+0.25 for all wall F1 at 10 cm of cleaning alone falls from 0.57 to 0.53 in furnished homes."""
 THIN_DEPTH = 0.25
 """The same for walls of one or two cells, so that they don't vanish: with 0.5 room F1 of real maps falls by 0.08."""
 CLOSED_SEEN = 0.8
@@ -185,14 +186,14 @@ def _thin_walls(seen: BoolArray, rooms: IntArray, cell: float) -> BoolArray:
 def _joining(floor: BoolArray, seen: BoolArray, rooms: IntArray, cell: float) -> BoolArray:
     """Patches of floor that was never seen and doesn't lie at one room alone: it would join rooms.
 
-    Nearer to free space than what parts rooms is thick lie echoes and faces of walls: the model is right about them.
+    Nearer to free space than a wall is thick lie echoes and faces of walls: the model is right about them.
 
     A room behind a wall isn't joined: wall F1 of 8 furnished homes is 0.789 instead of 0.780, real rooms are the same.
     """
-    patches = floor & (distance_to(seen) > NARROWEST_CUT / cell)
+    patches = floor & (distance_to(seen) > OUTER_THICKNESS / cell)
     count, labels = cv2.connectedComponents(patches.astype(np.uint8), connectivity=4)
     widened = labels
-    for _ in range(math.ceil(2.0 * NARROWEST_CUT / cell)):
+    for _ in range(math.ceil(2.0 * OUTER_THICKNESS / cell)):
         widened = np.where(floor, _widened(widened, 1), 0)
     is_joining = _rooms_beside(widened, rooms, count) != 1
     is_joining[0] = False

@@ -8,9 +8,9 @@ import numpy as np
 
 from slamgym.core.text import printable
 from slamgym.core.types import GridFrame
-from slamgym.drawing.carry_over import SAME_ROOM
 from slamgym.drawing.drawing import Drawing
 from slamgym.drawing.evidence import filled_patch
+from slamgym.drawing.settings import MAJORITY
 from slamgym.interop.valetudo import MapSegment
 
 NOT_TYPED = re.compile(r"segment \d+|\W*\d*\W*")
@@ -33,7 +33,7 @@ def with_given_names(drawing: Drawing, segments: Sequence[MapSegment], frame: Gr
             room = rooms[number]
             patch = filled_patch(room.polygon, frame)
             share = np.mean(segment.cells[patch.place][patch.inside])
-            if room.name == room.id and share > SAME_ROOM:
+            if room.name == room.id and share > MAJORITY:
                 name = re.sub(r"[|`]", "", printable(segment.name)).strip()
                 rooms[number] = replace(room, name=name or room.id)
                 break

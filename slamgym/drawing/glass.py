@@ -11,9 +11,9 @@ from shapely import LineString
 
 from slamgym.drawing.confidence import piece_between
 from slamgym.drawing.drawing import DrawnWall
-from slamgym.drawing.edits import Corrections
+from slamgym.drawing.edits import SHORTEST_LINE, Corrections
 from slamgym.drawing.evidence import SEEN_WITHIN
-from slamgym.drawing.settings import NARROWEST_CUT, SAME_DIRECTION
+from slamgym.drawing.settings import SAME_DIRECTION
 from slamgym.drawing.walls import WallPiece
 
 
@@ -25,7 +25,7 @@ def cut_at_glass(pieces: Sequence[WallPiece], corrections: Corrections) -> list[
         marks = {0.0, 1.0}
         for line in lines:
             shares = ((line - piece.start) / (piece.end - piece.start)).real
-            least = NARROWEST_CUT / piece.length
+            least = SHORTEST_LINE / piece.length
             marks |= {share for share in shares.tolist() if least < share < 1.0 - least}
         cut += [piece_between(piece, low, high) for low, high in itertools.pairwise(sorted(marks))]
     return cut

@@ -12,15 +12,12 @@ from shapely.geometry.base import BaseGeometry
 from slamgym.cad.polygons import polygon_parts
 from slamgym.core.types import Float32Array, FloatArray, GridFrame
 from slamgym.drawing.contours import trace_outlines
-from slamgym.drawing.edges import TOLERANCE, Edge, crossing, fit_edges, projected, simplified
-from slamgym.drawing.settings import SMALLEST_ROOM
+from slamgym.drawing.edges import Edge, crossing, fit_edges, projected, simplified
+from slamgym.drawing.settings import NARROWEST_FLOOR, SMALLEST_ROOM, THINNEST_WALL, USUAL_CELL
 
 SMALLEST_HOLE = 0.05
-"""Things on the floor, and patches of floor that was never observed, smaller than this aren't drawn [m2]."""
-NECK = 0.1
-"""Half the width of floor that is too narrow to be drawn, such as a slit between two walls [m]."""
-SLIT = 0.005
-"""Half the width of a wall that is [m]."""
+"""Things on the floor, and patches of floor that was never observed, smaller than this aren't drawn [m2]. If
+all are drawn room F1 of 57 real maps falls by 0.026 +- 0.011."""
 CORNER_GRID = 1e-4
 """Corners lie on a grid of this [m], so that files that round keep polygons valid."""
 
@@ -37,7 +34,7 @@ def straightened(picture: Float32Array, frame: GridFrame, angle_deg: float) -> M
         Valid; empty if nothing is large enough.
     """
     axis = cmath.rect(1.0, math.radians(angle_deg))
-    tolerance = max(TOLERANCE, 0.9 * frame.resolution)
+    tolerance = max(USUAL_CELL, frame.resolution)
     rings = list[Polygon]()
     for outline in trace_outlines(picture, frame, SMALLEST_ROOM, SMALLEST_HOLE):
         points = shapely.get_coordinates(outline)[:-1]
@@ -74,7 +71,8 @@ def ring_corners(edges: list[Edge], most: float) -> FloatArray:
 
 def without_necks(floor: BaseGeometry) -> MultiPolygon:
     """A floor of valid polygons [m] without slits and parts that only touch, its corners on the grid."""
-    for step in (-NECK, NECK + SLIT, -SLIT):
+    half = 0.5 * NARROWEST_FLOOR
+    for step in (-half, half + 0.5 * THINNEST_WALL, -0.5 * THINNEST_WALL):
         floor = shapely.buffer(floor, step, join_style="mitre", mitre_limit=1.5)
     # Mitred buffers may come out crossing themselves, which set_precision doesn't take.
     floor = shapely.make_valid(floor)

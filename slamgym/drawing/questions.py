@@ -15,7 +15,7 @@ from slamgym.drawing.revise import SAME_DOOR
 from slamgym.drawing.settings import SMALLEST_ROOM
 
 MOST_ASKED = 5
-"""Questions about one drawing, and patches of seen floor that are named."""
+"""Questions about one drawing."""
 BOUNDARY_KINDS = ("split", "join", "add_door", "no_door")
 """Corrections that say where boundaries are or aren't."""
 

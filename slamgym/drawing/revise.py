@@ -12,9 +12,15 @@ from shapely.ops import nearest_points
 from slamgym.cad.polygons import polygon_parts
 from slamgym.drawing.drawing import Segment
 from slamgym.drawing.edits import Correction, Corrections
-from slamgym.drawing.openings import INTO_WALLS, Division, Gap, divide, lengthened, onto_faces
-from slamgym.drawing.polygons import NECK, SLIT
-from slamgym.drawing.settings import MARGIN, NARROWEST_CUT, SMALLEST_ROOM, THICKEST_WALL
+from slamgym.drawing.openings import Division, Gap, divide, lengthened, onto_faces
+from slamgym.drawing.settings import (
+    MARGIN,
+    NARROWEST_FLOOR,
+    SAME_PLACE,
+    SMALLEST_ROOM,
+    THICKEST_WALL,
+    THINNEST_WALL,
+)
 
 SAME_DOOR = 0.3
 """Boundaries whose ends are so near to each other are one [m]."""
@@ -166,7 +172,7 @@ def _with_door(floor: BaseGeometry, entry: Correction) -> BaseGeometry:
 def _removed(entry: Correction) -> BaseGeometry:
     """The body of a wall that is taken away."""
     # A little thicker, so that nothing is left between a wall and its rounded line.
-    half = 0.5 * entry.thickness + INTO_WALLS
+    half = 0.5 * entry.thickness + SAME_PLACE
     return entry.shape.buffer(half, cap_style="flat")
 
 
@@ -177,8 +183,8 @@ def _with_wall(
     beyond = []
     for point in line.coords:
         # A slit between its end and another wall is wall.
-        is_free = floor.covers(Point(point).buffer(2.0 * NECK))
-        beyond.append(0.0 if is_free else 2.0 * NECK)
+        is_free = floor.covers(Point(point).buffer(NARROWEST_FLOOR))
+        beyond.append(0.0 if is_free else NARROWEST_FLOOR)
     before, after = beyond
     longer = lengthened(line, before, after)
     added = longer.buffer(0.5 * thickness, cap_style="flat").intersection(changed)
@@ -189,30 +195,30 @@ def _at_jambs(entry: Correction, floor: BaseGeometry) -> Segment:
     """A door on the floor with its ends at corners, or else faces, if the floor between is too narrow to be drawn."""
     faces = floor.boundary
     corners = shapely.MultiPoint(shapely.get_coordinates(faces))
-    jambs = [(shape, most) for most in (INTO_WALLS, 2.0 * NECK) for shape in (corners, faces)]
+    jambs = [(shape, most) for most in (SAME_PLACE, NARROWEST_FLOOR) for shape in (corners, faces)]
     ends = []
     for point in map(Point, entry.line):
         near = [shape for shape, most in jambs if point.distance(shape) <= most]
         jamb = nearest_points(near[0], point)[0] if near else point
         ends.append((jamb.x, jamb.y))
     fitted = Segment(*ends)
-    return fitted if fitted.length >= NARROWEST_CUT else Segment(*entry.line)
+    return fitted if fitted.length >= NARROWEST_FLOOR else Segment(*entry.line)
 
 
 def _beside_door(door: Segment, floor: BaseGeometry) -> Iterator[LineString]:
     """Where the wall stands in which a door on the floor hangs: from ends that are at no jamb to the next walls."""
     for end, before, after in ((door.start, 1e3, -door.length), (door.end, -door.length, 1e3)):
         jamb = Point(end)
-        if jamb.distance(floor.boundary) > INTO_WALLS:
+        if jamb.distance(floor.boundary) > SAME_PLACE:
             beyond = lengthened(door.line, before, after).intersection(floor)
             yield from (rest for rest in shapely.get_parts(beyond) if rest.distance(jamb) < 1e-6)
 
 
 def _without_slits(floor: BaseGeometry) -> MultiPolygon:
     """A floor without slits and patches that nobody draws."""
-    wider = floor.buffer(SLIT, join_style="mitre")
-    closed = wider.buffer(-SLIT, join_style="mitre").simplify(2e-3)
-    return MultiPolygon([part for part in polygon_parts(closed) if part.area > NARROWEST_CUT**2])
+    wider = floor.buffer(0.5 * THINNEST_WALL, join_style="mitre")
+    closed = wider.buffer(-0.5 * THINNEST_WALL, join_style="mitre").simplify(2e-3)
+    return MultiPolygon([part for part in polygon_parts(closed) if part.area > NARROWEST_FLOOR**2])
 
 
 def _added_gaps(
@@ -277,12 +283,12 @@ class _Crossings:
         """Where a line, led on to the next walls, leads through rooms; it covers at least half of the way."""
         space = self._space_around(entry)
         # So it ends at corners, too, and doesn't run along walls.
-        inside = space.buffer(-INTO_WALLS, join_style="mitre")
+        inside = space.buffer(-SAME_PLACE, join_style="mitre")
         line = lengthened(entry.shape, 1e3, 1e3)
         near = entry.shape.buffer(1e-3)
         for piece in shapely.get_parts(line.intersection(inside)):
             covered = piece.intersection(near).length
-            if piece.length >= NARROWEST_CUT and covered >= 0.5 * piece.length:
+            if piece.length >= NARROWEST_FLOOR and covered >= 0.5 * piece.length:
                 gap = Gap(piece.coords[0], piece.coords[-1], kind="opening")
                 yield from onto_faces([gap], space)
 

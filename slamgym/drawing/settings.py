@@ -19,8 +19,8 @@ SAME_DIRECTION = math.radians(8.0)
 """Lines whose directions differ by no more run alike [rad]."""
 MARGIN = 1.0
 """What is shown or looked at goes so far beyond what is known, drawn or meant [m]."""
-NARROWEST_CUT = 0.1
-"""Least width of what parts two rooms [m]."""
+NARROWEST_FLOOR = 0.2
+"""Floor that is narrower isn't drawn, such as a slit between two walls, so no boundary is shorter [m]."""
 THICKEST_WALL = 0.5
 """Two faces farther apart aren't those of one wall [m]."""
 WALL_HEIGHT = 2.5
@@ -29,9 +29,16 @@ OUTER_WALL = 0.2
 """In a robot's map and world all is wall so far round the floor [m]: the walls between two rooms are whole, those
 to the outside so thick."""
 OUTER_THICKNESS = 0.1
-"""Walls of which only one face was seen are drawn so thick [m]."""
-SEEN_SHARE = 0.5
-"""A wall or a door is in the layer SEEN if so much of its length was, a room if so much of its floor was."""
+"""Walls of which only one face was seen are drawn so thick: no wall between rooms is usually thinner [m]."""
+SAME_PLACE = 0.02
+"""Places nearer to each other are one, by less than half a cell [m]: cuts end so far within walls, what is as near to a
+face is on it, and shorter pieces are no walls (they would be 6 % more)."""
+THINNEST_WALL = 0.01
+"""Thinner walls aren't drawn [m]; those of one cell come out little thicker. With 0.02 one of 28 doors in furnished
+homes is lost, with 0.04 room F1 of 57 real maps falls by 0.014."""
+MAJORITY = 0.5
+"""What holds of so much of a thing is said of all of it: a wall, a door or a room is in the layer SEEN, a room is the
+former one or has a segment's name, a wall is where most of its points say."""
 
 
 class ComparisonConfig(Settings, section="comparison"):

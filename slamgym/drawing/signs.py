@@ -30,8 +30,8 @@ PLAIN_WATERSHED = (1.1, 1.0, 1.1)
 DOORWAY_RULE = (WIDEST_DOORWAY, MAX_NARROWING, NARROWEST_ROOM)
 """Rooms that only doorways join."""
 LONE_THINGS = 0.4
-"""The watersheds are also asked without things of at most this size [m]. With it the average precision on maps of left
-out buildings is 0.873 instead of 0.870."""
+"""The watersheds are also asked without things of at most this size [m]. Without it the average precision on maps of
+left out buildings falls from 0.912 to 0.909."""
 ALONG = np.linspace(0.05, 0.95, 13)
 """Places on a line, as shares of its length."""
 CLEARANCES_AT = (0.2, 0.4, 0.6, 1.0)

@@ -14,12 +14,15 @@ from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
 from slamgym.core.types import FloatArray
-from slamgym.drawing.edges import TOLERANCE
 from slamgym.drawing.free_space import FreeSpace
-from slamgym.drawing.settings import OUTER_THICKNESS, SAME_DIRECTION, THICKEST_WALL
-
-SHORTEST = 0.02
-"""Pieces shorter than this are no walls [m]."""
+from slamgym.drawing.settings import (
+    OUTER_THICKNESS,
+    SAME_DIRECTION,
+    SAME_PLACE,
+    THICKEST_WALL,
+    THINNEST_WALL,
+    USUAL_CELL,
+)
 
 
 @dataclass(frozen=True)
@@ -72,7 +75,7 @@ class _Stretch(NamedTuple):
 
     def continues(self, other: "_Stretch") -> bool:
         """True if both are of one wall, across what meets it on the other side."""
-        return self.known == other.known and abs(self.thickness - other.thickness) <= TOLERANCE
+        return self.known == other.known and abs(self.thickness - other.thickness) <= USUAL_CELL
 
 
 def find_walls(floor: BaseGeometry, whole: bool = True) -> list[WallPiece]:
@@ -91,13 +94,13 @@ def find_walls(floor: BaseGeometry, whole: bool = True) -> list[WallPiece]:
     found = []
     for face in faces.longest_first():
         length = faces.lengths[face]
-        if length < SHORTEST:
+        if length < SAME_PLACE:
             continue
         behind = list(faces.behind(face))
         stretches = [stretch for _, stretch in behind]
         for part in _stretches(length, stretches, taken[face], whole):
             is_jamb = whole and not part.known and faces.is_end_of_wall(face, part)
-            if part.high - part.low < SHORTEST or is_jamb:
+            if part.high - part.low < SAME_PLACE or is_jamb:
                 continue
             piece = faces.wall(face, part)
             found.append(piece)
@@ -139,8 +142,8 @@ class _Faces:
         high = np.minimum(along.max(axis=0), self._length[face])
         depth = -places.imag.mean(axis=0)
         is_opposite = (direction * turn).real < -math.cos(SAME_DIRECTION)
-        is_wall = (depth > 0.005) & (depth <= THICKEST_WALL)
-        good = is_opposite & is_wall & (high - low > SHORTEST)
+        is_wall = (depth > 0.5 * THINNEST_WALL) & (depth <= THICKEST_WALL)
+        good = is_opposite & is_wall & (high - low > SAME_PLACE)
         for k in sorted(np.flatnonzero(good).tolist(), key=depth.__getitem__):
             stretch = _Stretch(float(low[k]), float(high[k]), float(depth[k]), known=True)
             yield int(near[k]), stretch

@@ -17,7 +17,7 @@ from slamgym.drawing.comparison.faces import MapEvidence, PlanWalls
 from slamgym.drawing.comparison.records import FindingKind, Line, PlanFinding
 from slamgym.drawing.comparison.registration import MISSED
 from slamgym.drawing.free_space import cross
-from slamgym.drawing.settings import USUAL_CELL, ComparisonConfig
+from slamgym.drawing.settings import MAJORITY, USUAL_CELL, ComparisonConfig
 
 LATERAL = 0.045
 """A point of the map lies before a point of a face if it is no farther to its side [m]."""
@@ -27,8 +27,6 @@ NEAR = 0.1
 """So near to its place a wall is there, and so near to the commonest offset a point belongs to its wall [m]."""
 LEAST_SEEN = 0.3
 """A wall of which less is seen, from either side, is not judged, a room not yet explored [share]."""
-MOST = 0.5
-"""Share of what is in view that decides alone."""
 SOME = 0.25
 """Share of what is in view below which it says nothing."""
 CORRELATED = 0.25
@@ -88,8 +86,8 @@ def judge_wall(found: Survey, wall: int, config: ComparisonConfig) -> PlanFindin
     near = np.abs(values) <= NEAR
     centre = _commonest(values)
     place = _around(values, sides, centre)
-    is_open = found.is_open[view].mean() >= MOST
-    if place.support < MOST and near.mean() < SOME and is_open:
+    is_open = found.is_open[view].mean() >= MAJORITY
+    if place.support < MAJORITY and near.mean() < SOME and is_open:
         return PlanFinding("wall_missing", what, line, seen=seen)
     if near.mean() >= SOME and abs(centre) > NEAR:
         # Part of it stands at its place: what is before the rest is furniture.
@@ -113,7 +111,7 @@ def _share_seen(found: Survey, own: IntArray) -> float:
 def _kind_at(place: "_Place", error: float, config: ComparisonConfig) -> FindingKind:
     """What a wall is that stands at a place so far from its own, with a standard error [m]."""
     least = max(config.moved, config.sure * error)
-    if place.support < MOST or abs(place.offset) <= least:
+    if place.support < MAJORITY or abs(place.offset) <= least:
         return "wall_present"
     nearest, farthest = FURNITURE
     if len(place.sides) == 1 and nearest < place.sides[0] * place.offset < farthest:

@@ -9,8 +9,7 @@ import shapely
 from slamgym.cad.floorplan import ring_segments
 from slamgym.core.types import FloatArray
 from slamgym.drawing.drawing import Drawing, DrawnDoor, DrawnPoint, DrawnRoom
-from slamgym.drawing.edges import MERGE
-from slamgym.drawing.settings import SAME_DIRECTION, THICKEST_WALL
+from slamgym.drawing.settings import SAME_DIRECTION, THICKEST_WALL, USUAL_CELL
 
 CHAIN_OFFSET = 0.4
 """A chain lies so far before its wall, in the room [m]."""
@@ -68,19 +67,23 @@ class _Wall:
         x, y = local[..., 0], local[..., 1]
         is_along = np.abs(np.diff(y)[:, 0]) <= np.tan(SAME_DIRECTION) * np.abs(np.diff(x)[:, 0])
         depth = self._inside * y.mean(axis=1)
-        is_face = is_along & (depth > -MERGE) & (depth <= THICKEST_WALL)
+        is_face = is_along & (depth > -USUAL_CELL) & (depth <= THICKEST_WALL)
         spans = [(low, high, -1) for low, high in np.sort(x[is_face]).tolist()]
         for number, door in doors:
             ends = self._local(np.array([door.start, door.end]))
             # A door lies on either face of its wall.
             is_in_wall = np.abs(ends[:, 1]).max() <= THICKEST_WALL
-            if is_in_wall and np.ptp(ends[:, 1]) < MERGE:
+            if is_in_wall and np.ptp(ends[:, 1]) < USUAL_CELL:
                 low, high = np.sort(ends[:, 0]).tolist()
                 spans.append((low, high, number))
         low, high = 0.0, self._width
         joined = set[tuple[float, float, int]]()
         while True:
-            near = {span for span in spans if span[0] <= high + MERGE and span[1] >= low - MERGE}
+            near = {
+                span
+                for span in spans
+                if span[0] <= high + USUAL_CELL and span[1] >= low - USUAL_CELL
+            }
             if near == joined:
                 break
             joined = near
@@ -90,7 +93,7 @@ class _Wall:
         marks = [low, *(place for span in along for place in span[:2]), high]
         kept = [marks[0]]
         for place in sorted(marks)[1:]:
-            if place - kept[-1] > MERGE:
+            if place - kept[-1] > USUAL_CELL:
                 kept.append(place)
         face = float(np.median(y[is_face])) if is_face.any() else 0.0
         places = self._origin + np.column_stack([kept, np.full(len(kept), face)]) @ self._axes

@@ -18,7 +18,7 @@ from slamgym.drawing.formats.json import drawing_facts
 from slamgym.drawing.formats.look import DRAWING_STYLE, Sheet, drawn_scene, format_part
 from slamgym.drawing.formats.svg import LETTERS, drawn_layers, svg_point
 from slamgym.drawing.formats.upright import upright
-from slamgym.drawing.settings import SEEN_SHARE
+from slamgym.drawing.settings import MAJORITY
 from slamgym.viz.pages import bullets, inline_picture, make_page, make_table, paragraph
 
 PAGE = (0.18, 0.16)
@@ -61,7 +61,7 @@ def format_html(drawing: Drawing) -> str:
 def checks(drawing: Drawing) -> list[str]:
     """Points to check first, a sentence each: the drawing's doubts, and the parts that were hardly seen."""
     found = [sentence(doubt) for doubt in drawing.doubts]
-    unseen = [room for room in drawing.rooms if room.share_seen < SEEN_SHARE]
+    unseen = [room for room in drawing.rooms if room.share_seen < MAJORITY]
     if unseen:
         names = ", ".join(f"{room.name} ({room.share_seen:.0%})" for room in unseen)
         found.append(f"Rooms of which the robot saw less than half: {names}.")

@@ -11,17 +11,17 @@ from shapely.geometry.base import BaseGeometry
 
 from slamgym.cad.polygons import largest_part
 from slamgym.core.types import BoolArray, IntArray
-from slamgym.drawing.confidence import SHORTEST_CHANGE
 from slamgym.drawing.drawing import DrawnDoor, DrawnPoint, DrawnWall, Layer
-from slamgym.drawing.edges import MERGE
 from slamgym.drawing.openings import lengthened
-from slamgym.drawing.settings import SEEN_SHARE, USUAL_CELL
+from slamgym.drawing.settings import MAJORITY, THICKEST_WALL, USUAL_CELL
 
 
 def straight_walls(
     pieces: Sequence[DrawnWall], doors: Sequence[DrawnDoor]
 ) -> tuple[list[DrawnWall], IntArray]:
-    """Join what touches, or has a door between it, and lies along the longest piece or is short.
+    """Join what touches, or has a door between it, and lies along the longest piece or is shorter than walls are thick.
+
+    Either of two faces along one line may be drawn a cell beside it.
 
     Args:
         pieces: Walls as they are drawn.
@@ -47,9 +47,9 @@ def straight_walls(
         normal = [-y, x]
         away = np.abs((ends - start) @ normal).max(axis=1)
         thicker = np.abs(thickness - thickness[first])
-        is_along = np.maximum(away, thicker) <= 2.0 * MERGE
+        is_along = np.maximum(away, thicker) <= 2.0 * USUAL_CELL
         may_join = (
-            (is_along | (length < SHORTEST_CHANGE)) & (wall_of < 0) & (is_glass == is_glass[first])
+            (is_along | (length < THICKEST_WALL)) & (wall_of < 0) & (is_glass == is_glass[first])
         )
         members = _connected(first, beside, may_join)
         wall_of[members] = len(walls)
@@ -113,5 +113,5 @@ def _joined(pieces: Sequence[DrawnWall]) -> DrawnWall:
     lengths = [piece.length for piece in pieces]
     shares = [piece.share_seen for piece in pieces]
     seen = float(np.average(shares, weights=lengths))
-    layer: Layer = "SEEN" if seen >= SEEN_SHARE else "INFERRED"
+    layer: Layer = "SEEN" if seen >= MAJORITY else "INFERRED"
     return replace(longest, start=low, end=high, share_seen=seen, layer=layer)
