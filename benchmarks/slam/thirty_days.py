@@ -97,7 +97,7 @@ def main() -> None:
         if arguments.pictures is not None:
             for day in PICTURED:
                 graph = read_graph(folder_of(home, day, arguments.cache))
-                picture = draw_map(draw_days(graph), np.zeros((0, 3)), f"day {day}")
+                picture = draw_map(draw_days(graph), [], f"day {day}")
                 write_picture(arguments.pictures / f"{home}_{day}.png", picture)
     shown = [day for day in SHOWN if day <= arguments.days]
     rows = [row(str(day), [days[day - 1 : day] for days in found], found) for day in shown]

@@ -320,7 +320,7 @@ def draw(path: Path, log: Log, scans: Trajectory) -> None:
     """Write a picture of the map that the scans make on a path."""
     path.parent.mkdir(parents=True, exist_ok=True)
     grid = map_on_path(log, scans.poses)
-    write_picture(path, draw_map(grid, scans.poses, path.stem))
+    write_picture(path, draw_map(grid, [scans.poses], path.stem))
 
 
 def say(line: str) -> None:

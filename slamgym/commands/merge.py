@@ -156,7 +156,7 @@ def _write(folder: Path, merged: Merged) -> None:
     begin_results(folder)
     grid = merged.grid()
     write_ros_map(folder, grid)
-    paths = [np.zeros((0, 3))]
+    paths = []
     if merged.graph is not None:
         write_graph(folder, merged.graph)
         for number, drive in enumerate(merged.graph.drives, 1):
@@ -164,7 +164,7 @@ def _write(folder: Path, merged: Merged) -> None:
             write_tum(folder / f"trajectory_{number}.tum", Trajectory(drive.stamps, poses))
             paths.append(poses)
     caption = ", ".join(Path(one.part.name).name for one in merged.placed)
-    write_picture(folder / "map.png", draw_map(grid, np.concatenate(paths), caption))
+    write_picture(folder / "map.png", draw_map(grid, paths, caption))
 
 
 def _report(folder: Path, summary: dict[str, Any]) -> Iterator[str]:

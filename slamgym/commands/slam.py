@@ -282,7 +282,7 @@ def _write(arguments: SlamArguments, result: ReplayResult, mode: str) -> None:
     write_tum(folder / "trajectory.tum", path)
     write_doubt(folder / "trajectory_doubt.csv", path.stamps, result.doubtful, result.covariances)
     caption = f"{arguments.log.name}   {mode}   {path.length:.0f} m"
-    write_picture(folder / "map.png", draw_map(result.grid, path.poses, caption, result.doubtful))
+    write_picture(folder / "map.png", draw_map(result.grid, [path.poses], caption, result.doubtful))
 
 
 def _verdict(summary: dict[str, Any]) -> str:

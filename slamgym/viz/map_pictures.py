@@ -56,25 +56,30 @@ ARROW = 0.6
 
 
 def draw_map(
-    grid: OccupancyGrid, path: FloatArray, caption: str = "", doubtful: BoolArray | None = None
+    grid: OccupancyGrid,
+    paths: Sequence[FloatArray],
+    caption: str = "",
+    doubtful: BoolArray | None = None,
 ) -> ByteArray:
-    """Draw a map with the path travelled.
+    """Draw a map with the paths travelled.
 
     Args:
         grid: The map.
-        path: Poses or points in the map frame, shape (N, 2) or (N, 3); blue at the start, red at the end.
+        paths: Of each drive poses or points in the map frame, shape (N, 2) or (N, 3); blue at the start, red at the
+            end.
         caption: One line below the map.
-        doubtful: True where the path may be wrong, shape (N,); it is orange and wide there.
+        doubtful: True where the first path may be wrong, shape (N,); it is orange and wide there.
 
     Returns:
         RGB, shape (height, width, 3).
     """
     picture, factor = map_picture(grid)
-    pixels = frame_pixels(path, grid.frame, factor)
+    drives = [frame_pixels(path, grid.frame, factor) for path in paths]
     thickness = _line_thickness(picture)
     if doubtful is not None:
-        _draw_doubtful(picture, pixels, doubtful, 4 * thickness)
-    _draw_gradient_path(picture, pixels, thickness)
+        _draw_doubtful(picture, drives[0], doubtful, 4 * thickness)
+    for pixels in drives:
+        _draw_gradient_path(picture, pixels, thickness)
     return page_of(picture, grid.frame.resolution / factor, caption)
 
 

@@ -177,9 +177,19 @@ def test_settings_follow_the_scanner():
 @pytest.mark.parametrize("shape", [(1, 1), (5, 4000), (300, 200)])
 def test_pictures_of_any_map_have_a_sensible_size(shape):
     cells = np.random.default_rng(0).choice(np.array([0, 205, 254], np.uint8), shape)
-    picture = draw_map(
-        OccupancyGrid(cells, GridFrame(0.05, 0.0, 0.0, *shape)), np.array([[0.0, 0.0, 0.0]]), "name"
-    )
+    grid = OccupancyGrid(cells, GridFrame(0.05, 0.0, 0.0, *shape))
+    picture = draw_map(grid, [np.zeros((1, 3))], "name")
     assert picture.ndim == 3
     assert 64 < picture.shape[0] < 3000
     assert 600 < picture.shape[1] < 3000
+
+
+def test_no_line_joins_the_paths_of_two_drives():
+    grid = OccupancyGrid(np.full((40, 40), 254, np.uint8), GridFrame(0.1, 0.0, 0.0, 40, 40))
+    left = np.array([[1.0, 0.5], [1.0, 3.5]])
+    right = left + np.array([2.0, 0.0])
+    both = draw_map(grid, [left, right])
+    assert (both != draw_map(grid, [left])).any()
+    middle = slice(both.shape[1] * 2 // 5, both.shape[1] * 3 // 5)
+    assert (both[:, middle] == draw_map(grid, [])[:, middle]).all()
+    assert (draw_map(grid, [np.concatenate([left, right])])[:, middle] != both[:, middle]).any()
