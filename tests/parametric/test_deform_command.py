@@ -314,15 +314,24 @@ def test_bad_arguments_give_one_clear_error_and_write_nothing(
     assert [path.name for path in tmp_path.iterdir()] == ["flat.json"]
 
 
-def test_an_existing_folder_is_kept_unless_overwrite_is_given(plan_file, tmp_path) -> None:
+def test_an_earlier_dataset_is_replaced_by_overwrite_and_nothing_else_is(
+    plan_file, tmp_path, monkeypatch
+) -> None:
+    command = [str(plan_file), "--resolution", "0.2", "-o"]
     out = tmp_path / "out"
-    out.mkdir()
+    main([*command, str(out)])
     (out / "precious").write_text("mine")
     with pytest.raises(InputFileError, match="--overwrite"):
-        main([str(plan_file), "-o", str(out), "--resolution", "0.2"])
+        main([*command, str(out)])
     assert (out / "precious").read_text() == "mine"
-    main([str(plan_file), "-o", str(out), "--resolution", "0.2", "--overwrite"])
+    main([*command, str(out), "--overwrite"])
     assert len(episodes(out)) == 1
+    with pytest.raises(InputFileError, match="holds no dataset of `slamgym deform`"):
+        main([*command, str(plan_file.parent), "--overwrite"])
+    monkeypatch.chdir(out)
+    with pytest.raises(InputFileError, match="is the folder that you are in"):
+        main([*command, ".", "--overwrite"])
+    assert plan_file.is_file()
 
 
 def test_a_plan_without_free_space_is_refused() -> None:

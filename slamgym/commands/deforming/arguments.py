@@ -98,7 +98,7 @@ class DeformArguments(Arguments):
     """Modelprog: a pretrained name, a .safetensors file or a run's folder."""
 
     overwrite: bool = False
-    """Replace the folder if it exists."""
+    """Replace a dataset of an earlier run."""
 
     def _check(self) -> None:
         if self.plan_id is not None and self.plans > 1:

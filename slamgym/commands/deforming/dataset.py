@@ -18,11 +18,12 @@ from slamgym.cad import write_houseexpo
 from slamgym.core.config import config_hash
 from slamgym.core.documents import json_text
 from slamgym.core.errors import InputFileError
+from slamgym.core.files import read_bytes
 from slamgym.core.progress import tell
 from slamgym.core.types import GridFrame, OccupancyGrid, Pose2D, Trajectory
 from slamgym.dataset.curate.split import split_path
 from slamgym.dataset.folder import open_dataset, stage_pair
-from slamgym.dataset.format import EDITION, FIELD_FILE, FORMAT_VERSION, is_dataset
+from slamgym.dataset.format import EDITION, FIELD_FILE, FORMAT_VERSION, Layout, is_dataset
 from slamgym.dataset.generate.recipe import MIXTURE
 from slamgym.dataset.record import MapPair, Slot
 from slamgym.interop import write_ros_map, write_tum
@@ -75,12 +76,24 @@ def write_dataset(drawn: Iterable[tuple[Subject, DrawnMap]], arguments: DeformAr
     return f"{len(plan_ids)} map(s) of {plan_ids[0] if len(plans) == 1 else f'{len(plans)} plans'}"
 
 
+def _check_folder(root: Path, is_replaced: bool) -> None:
+    """Refuse a folder that holds what ``slamgym deform`` didn't write, or may not be replaced."""
+    if root.resolve() == Path.cwd():
+        raise InputFileError(root, "is the folder that you are in; name one inside it")
+    if not root.exists() or (root.is_dir() and not any(root.iterdir())):
+        return
+    config = Layout(root).config
+    if not config.is_file() or b'"deform"' not in read_bytes(config):
+        raise InputFileError(root, "holds no dataset of `slamgym deform`; choose a new folder")
+    if not is_replaced:
+        raise InputFileError(root, "exists already; give --overwrite to replace it")
+
+
 @contextmanager
 def _new_folder(arguments: DeformArguments) -> Iterator[Path]:
     """A folder to fill, which appears whole if the block ends well, or not at all."""
     root = arguments.out
-    if root.exists() and not arguments.overwrite and (not root.is_dir() or any(root.iterdir())):
-        raise InputFileError(root, "exists already; give --overwrite to replace it")
+    _check_folder(root, arguments.overwrite)
     part = root.with_name(f".{root.name}.{os.getpid()}.part")
     try:
         part.mkdir(parents=True)
