@@ -33,6 +33,9 @@ _FIXES = {
     errno.ENOTDIR: "a part of the path is a file, not a folder; choose another folder",
     errno.ENOENT: "the folder can't be made there; choose another one",
     errno.EEXIST: "exists and is not a folder; choose another one",
+    errno.EISDIR: "is a folder; name a file",
+    errno.EBUSY: "is a folder in use; name a file",
+    errno.ENAMETOOLONG: "the name is too long; choose a shorter one",
 }
 _SYNC_THREADS = 16
 _MAX_PATH = 1000
@@ -331,8 +334,8 @@ def drop_torn_line(path: Path) -> None:
 
 def temporary_name(path: Path) -> Path:
     """Where this process writes the new content of a file before it takes the file's place."""
-    # The suffix stays last: image and video writers choose the format by it.
-    return path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
+    # The suffix stays last: image and video writers choose the format by it. The folder "." has no name to replace.
+    return path.parent / f".{path.stem}.{os.getpid()}.part{path.suffix}"
 
 
 def remove_leftovers(path: Path) -> None:
