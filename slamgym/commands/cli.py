@@ -30,6 +30,8 @@ EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells report it
 EXIT_TERMINATED = 143  # 128 + SIGTERM
 EXIT_BROKEN_PIPE = 141  # 128 + SIGPIPE
 _UNWRITABLE = (errno.EPIPE, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+_UNUSABLE = (errno.ENAMETOOLONG, errno.EACCES)
+"""What makes it an error to ask whether a path exists."""
 
 
 @dataclass(frozen=True)
@@ -288,6 +290,13 @@ def _run(arguments: list[str]) -> int:
             return TABLE.run("slamgym", arguments)
     except SlamgymError as error:
         _complain(str(error))
+        return EXIT_USER_ERROR
+    except OSError as error:
+        if error.filename is None or error.errno not in _UNUSABLE:
+            raise
+        _complain(
+            f"{os.fsdecode(error.filename)}: can't be used ({error.strerror}); name another path"
+        )
         return EXIT_USER_ERROR
     except Terminated:
         _complain("ended by SIGTERM")

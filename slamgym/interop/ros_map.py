@@ -147,7 +147,7 @@ def read_turned_map(path: Path | str) -> TurnedMap:
         raise InputFileError(path, f"'free_thresh' is {free:g}, above 'occupied_thresh'; swap them")
     is_negated = description.negate in ("1", "true")
     is_raw = description.mode == "raw"
-    pixels = _read_pixels(path.parent / description.image)
+    pixels = _read_pixels(path.parent / description.image, f"; correct 'image' in {path.name}")
     if is_raw and (is_negated or pixels.dtype != np.uint8):
         raise InputFileError(
             path, "has the mode raw, which needs 'negate: 0' and an image of 8 bits a pixel"
@@ -269,9 +269,9 @@ def described_picture(path: Path) -> Path:
     return path.parent / _read_description(path).image
 
 
-def _read_pixels(path: Path) -> Any:
+def _read_pixels(path: Path, fix: str = "") -> Any:
     try:
         encoded = read_bytes(path)
     except InputFileError as error:
-        raise InputFileError(path, f"the map's image {error.reason}") from error
+        raise InputFileError(path, f"the map's image {error.reason}{fix}") from error
     return decode_picture(path, encoded)

@@ -86,7 +86,7 @@ def test_pictures_without_a_building_are_refused(draw, tmp_path, cells, message)
         (yaml_text(resolution=".nan"), "resolution must be in [1e-05, 100], not nan"),
         (yaml_text(resolution="wide"), "resolution must be of type float, not 'wide'"),
         (yaml_text(resolution="0.0001"), "holds no floor of 1 m2 or more"),
-        (yaml_text(image="gone.png"), "gone.png: the map's image can't be read"),
+        (yaml_text(image="gone.png"), "(No such file or directory); correct 'image' in map.yaml"),
         ("resolution: 0.05\n", "'image' is missing"),
         ("[1, 2", "not valid yaml"),
         ("- 1\n", "not a map description"),

@@ -215,6 +215,14 @@ def test_each_command_names_its_extra_at_once(typed, missing, extra, monkeypatch
     assert [path.name for path in tmp_path.iterdir()] == ["map.yaml"]
 
 
+@pytest.mark.parametrize("words", ["slam {} -o out", "cad {} -o out", "cad map.yaml -o {}"])
+def test_a_name_that_is_too_long_is_one_line(words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "map.yaml").touch()
+    assert cli.main(words.format("a" * 300).split()) == 2
+    assert "name too long); name another path" in capsys.readouterr().err
+
+
 STREAMS = {
     "plans list --count 2 >&-": (0, False),
     "plans list --count 2 >&- 2>&-": (0, False),
