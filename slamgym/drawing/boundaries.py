@@ -26,11 +26,11 @@ from slamgym.drawing.signs import Signs
 WIDEST = 2.6
 """Candidates are narrower [m]."""
 NARROWEST = 0.35
-"""Candidates are wider [m]."""
+"""Candidates are wider [m]. From 0.2 on room F1 of 57 real maps is lower by 0.009 +- 0.005."""
 MOST_OPPOSITE = 4
 """Lines from a corner to what stands opposite."""
 APART = math.cos(math.radians(25.0))
-"""Cosine of the least angle between two of them."""
+"""Cosine of the least angle between two of them: without it there are 29 % more, and rooms as good."""
 PRETRAINED = Path(__file__).parent / "pretrained" / "boundaries.json"
 """As ``benchmarks/drawing/boundaries.py`` fits them to annotated maps; beside it stands which."""
 

@@ -20,22 +20,15 @@ from slamgym.drawing.comparison.walls import (
     open_runs,
 )
 from slamgym.drawing.evidence import filled
-from slamgym.drawing.settings import ComparisonConfig
+from slamgym.drawing.settings import DRAWN_DOORS, MARGIN, USUAL_CELL, ComparisonConfig
 
 CHANGED = ("wall_moved", "wall_missing", "room_unexplored")
 """What of the findings about walls and rooms is a change."""
 SHORTEST_CHANGED = 0.5
 """Changes of shorter walls and shorter gaps in a wall aren't reported [m]."""
-BEYOND_JAMBS = 1.3
-"""The wall is looked at this far beyond both jambs [m]."""
-_STEP = 0.025
-"""Between two places along a wall that are looked at [m]."""
-NARROWEST_DOOR = 0.45
-"""A gap that is narrower is no door [m]."""
-MOVED = 0.2
-"""A door has moved if its middle is farther from its place [m]."""
-OTHER_WIDTH = 0.15
-"""A door is of another width if it differs by more [m]."""
+DOOR_CHANGED = 0.2
+"""A door has moved if its middle is farther from its place, and is of another width if that differs by more [m]: either
+jamb may be drawn two cells off."""
 
 
 def compare_with_plan(
@@ -140,7 +133,7 @@ def _door_changes(
 ) -> Iterator[PlanFinding]:
     """The doors that are not as planned: moved along their wall, of another width, or blocked."""
     for number, door in enumerate(plan.doors, start=1):
-        along = np.arange(-BEYOND_JAMBS + 0.5 * _STEP, door.width + BEYOND_JAMBS, _STEP)
+        along = np.arange(-MARGIN + 0.5 * USUAL_CELL, door.width + MARGIN, USUAL_CELL)
         states = _states_along(door, along, plan, measured, evidence)
         inside = states[(along > 0.1) & (along < door.width - 0.1)]
         if (inside == 0).mean() > 0.5:
@@ -166,7 +159,7 @@ def _states_along(
     states = evidence.across(places + shift, normal)
     # Beyond the ends of the wall lie other rooms.
     is_floor = shapely.contains_xy(plan.free_space, places)
-    is_beside = (along < -_STEP) | (along > door.width + _STEP)
+    is_beside = (along < -USUAL_CELL) | (along > door.width + USUAL_CELL)
     states[is_floor & is_beside] = 0
     return states
 
@@ -181,17 +174,17 @@ def _changed_gap(
     offset = 0.5 * (low + high - width)
     wider = high - low - width
     nearer_jamb = min(abs(low), abs(high - width))
-    if abs(offset) > MOVED and nearer_jamb > 0.5 * MOVED:
-        yield PlanFinding("door_moved", name, line, offset, 2 * _STEP, offset)
-    elif abs(wider) > OTHER_WIDTH:
-        yield PlanFinding("door_width", name, line, wider, 2 * _STEP, wider)
+    if abs(offset) > DOOR_CHANGED and nearer_jamb > 0.5 * DOOR_CHANGED:
+        yield PlanFinding("door_moved", name, line, offset, 2 * USUAL_CELL, offset)
+    elif abs(wider) > DOOR_CHANGED:
+        yield PlanFinding("door_width", name, line, wider, 2 * USUAL_CELL, wider)
 
 
 def _best_gap(states: IntArray, along: FloatArray, width: float) -> tuple[float, float] | None:
     """The gap that overlaps the door most, or else is nearest to it: its ends along the wall [m]."""
     is_open = states == 1
-    ends = along[0] + _STEP * (runs_of(is_open) - 0.5)
-    runs = [(start, stop) for start, stop in ends.tolist() if stop - start >= NARROWEST_DOOR]
+    ends = along[0] + USUAL_CELL * (runs_of(is_open) - 0.5)
+    runs = [(start, stop) for start, stop in ends.tolist() if stop - start >= DRAWN_DOORS[0]]
 
     def overlap(run: tuple[float, float]) -> float:
         start, stop = run

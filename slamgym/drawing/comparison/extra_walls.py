@@ -4,6 +4,8 @@ A wall is thin and seen from both sides. What is seen from one side alone, with 
 cupboard or a sofa.
 """
 
+import math
+
 import cv2
 import numpy as np
 import shapely
@@ -14,19 +16,15 @@ from slamgym.core.geometry import transform_points
 from slamgym.core.types import FREE, FloatArray
 from slamgym.drawing.comparison.faces import MapEvidence
 from slamgym.drawing.evidence import SEEN_WITHIN
+from slamgym.drawing.settings import MAJORITY, NARROWEST_FLOOR, USUAL_CELL
 
-GAP = 0.2
-"""Widest gap in a straight structure [m]."""
 TURNS = 60
 """Directions in which structures are looked for."""
-VOTES = 10
-"""Cells that a straight structure has at least."""
 SHORTEST_EXTRA = 0.8
-"""Shorter structures are no walls [m]."""
+"""Shorter structures are no walls [m]. With 0.5 51 of 58 changes of 9 furnished homes are found instead of 47, and 8
+that are none instead of 6."""
 THICKEST = 0.35
-"""Thicker structures are furniture [m]."""
-SEEN_ALONG = 0.6
-"""Share of its length along which a structure is seen from a side that counts as seen."""
+"""Thicker structures are furniture [m]. With 0.5 9 furnished homes have 8 false changes instead of 5."""
 
 
 def extra_walls(
@@ -67,9 +65,11 @@ def _straight_pieces(points: FloatArray, evidence: MapEvidence) -> FloatArray:
     image = np.zeros(frame.shape, np.uint8)
     image[frame.to_cell(*evidence.on_map(points).T)] = 255
     shortest = SHORTEST_EXTRA / frame.resolution
-    gap = GAP / frame.resolution
+    gap = NARROWEST_FLOOR / frame.resolution
     turn = np.pi / TURNS
-    rows = cv2.HoughLinesP(image, 1.0, turn, VOTES, minLineLength=shortest, maxLineGap=gap)
+    rows = cv2.HoughLinesP(
+        image, 1.0, turn, math.ceil(shortest), minLineLength=shortest, maxLineGap=gap
+    )
     if rows is None:
         return np.empty((0, 2, 2))
     cols, at_rows = rows.reshape(-1, 2).T
@@ -94,10 +94,10 @@ def _is_seen_from_both_sides(line: LineString, evidence: MapEvidence) -> bool:
     normal = np.array([-along_y, along_x]) / line.length
     count = max(5, round(line.length / 0.05))
     points = start + np.linspace(0.05, 0.95, count)[:, None] * along
-    depths = np.arange(0.1, THICKEST + 0.1, 0.05)[:, None] * normal
+    depths = np.arange(0.1, THICKEST + 0.1, USUAL_CELL)[:, None] * normal
     on_left = _share_seen(points[:, None] + depths, evidence)
     on_right = _share_seen(points[:, None] - depths, evidence)
-    return min(on_left, on_right) >= SEEN_ALONG
+    return min(on_left, on_right) >= MAJORITY
 
 
 def _share_seen(places: FloatArray, evidence: MapEvidence) -> float:

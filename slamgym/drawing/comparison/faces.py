@@ -18,11 +18,9 @@ from slamgym.core.types import (
     Pose2D,
 )
 from slamgym.drawing.evidence import values_at
-from slamgym.drawing.settings import USUAL_CELL
+from slamgym.drawing.settings import SAME_PLACE, USUAL_CELL
 from slamgym.drawing.walls import find_walls
 
-_SIMPLIFY = 0.002
-"""Corners that stray less than this from a straight face are none [m]."""
 NORMAL_BLUR = 1.5
 """Blur of the free space whose gradient gives a map's normals [cells]."""
 ACROSS = np.linspace(-0.1, 0.1, 9)
@@ -58,7 +56,7 @@ class PlanWalls:
 
 def plan_walls(plan: FloorPlan) -> PlanWalls:
     """All walls of a plan."""
-    walls = find_walls(plan.free_space.simplify(_SIMPLIFY), whole=False)
+    walls = find_walls(plan.free_space.simplify(SAME_PLACE), whole=False)
     lines = []
     points = []
     wall = []

@@ -19,20 +19,18 @@ from slamgym.drawing.comparison.registration import MISSED
 from slamgym.drawing.free_space import cross
 from slamgym.drawing.settings import MAJORITY, USUAL_CELL, ComparisonConfig
 
-LATERAL = 0.045
-"""A point of the map lies before a point of a face if it is no farther to its side [m]."""
 ALIKE = 0.7
 """Cosine of the angle between normals up to which a face of the map may be one of the plan."""
 NEAR = 0.1
 """So near to its place a wall is there, and so near to the commonest offset a point belongs to its wall [m]."""
 LEAST_SEEN = 0.3
-"""A wall of which less is seen, from either side, is not judged, a room not yet explored [share]."""
-SOME = 0.25
-"""Share of what is in view below which it says nothing."""
+"""A share of a wall or a room that is less says nothing of it: the wall isn't judged, the room not yet explored."""
 CORRELATED = 0.25
-"""Offsets of points nearer to each other than this say the same [m]."""
+"""Offsets of points nearer to each other than this say the same [m]. If none do, 9 furnished homes have 8 false changes
+instead of 6."""
 FURNITURE = (0.15, 0.8)
-"""A face so far before the place of a wall whose other side isn't seen may be furniture [m]."""
+"""A face so far before the place of a wall whose other side isn't seen may be furniture [m]. Without this rule 9
+furnished homes have 7 false changes instead of 6."""
 
 
 @dataclass(frozen=True)
@@ -87,12 +85,12 @@ def judge_wall(found: Survey, wall: int, config: ComparisonConfig) -> PlanFindin
     centre = _commonest(values)
     place = _around(values, sides, centre)
     is_open = found.is_open[view].mean() >= MAJORITY
-    if place.support < MAJORITY and near.mean() < SOME and is_open:
+    if place.support < MAJORITY and near.mean() < LEAST_SEEN and is_open:
         return PlanFinding("wall_missing", what, line, seen=seen)
-    if near.mean() >= SOME and abs(centre) > NEAR:
+    if near.mean() >= LEAST_SEEN and abs(centre) > NEAR:
         # Part of it stands at its place: what is before the rest is furniture.
         place = _around(values, sides, float(np.median(values[near])))
-    if place.support < SOME:
+    if place.support < LEAST_SEEN:
         return PlanFinding("wall_unclear", what, line, seen=seen)
     error = float(np.hypot(place.error, found.deviation[wall]))
     kind = _kind_at(place, error, config)
@@ -140,7 +138,7 @@ def _pairs(plan: PlanWalls, evidence: MapEvidence) -> tuple[IntArray, FloatArray
     sideways = np.abs(cross(difference, normal))
     forward = (difference * normal).sum(axis=1)
     alike = (evidence.normals[other] * normal).sum(axis=1) > ALIKE
-    keep = alike & (sideways < LATERAL)
+    keep = alike & (sideways < USUAL_CELL)
     offset = plan.side[index] * forward
     return index[keep], offset[keep]
 
