@@ -40,7 +40,7 @@ TOKENS: dict[str, int] = {
     "commands": 29680,
     "core": 19333,
     "dataset": 29248,
-    "drawing": 45410,
+    "drawing": 45326,
     "envs": 40980,
     "gan": 28346,
     "interop": 18879,

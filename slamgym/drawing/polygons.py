@@ -13,7 +13,7 @@ from slamgym.cad.polygons import polygon_parts
 from slamgym.core.types import Float32Array, FloatArray, GridFrame
 from slamgym.drawing.contours import trace_outlines
 from slamgym.drawing.edges import Edge, crossing, fit_edges, projected, simplified
-from slamgym.drawing.settings import NARROWEST_FLOOR, SMALLEST_ROOM, THINNEST_WALL, USUAL_CELL
+from slamgym.drawing.settings import NARROWEST_DRAWN, SMALLEST_ROOM, THINNEST_WALL, USUAL_CELL
 
 SMALLEST_HOLE = 0.05
 """Things on the floor, and patches of floor that was never observed, smaller than this aren't drawn [m2]. If
@@ -71,7 +71,7 @@ def ring_corners(edges: list[Edge], most: float) -> FloatArray:
 
 def without_necks(floor: BaseGeometry) -> MultiPolygon:
     """A floor of valid polygons [m] without slits and parts that only touch, its corners on the grid."""
-    half = 0.5 * NARROWEST_FLOOR
+    half = 0.5 * NARROWEST_DRAWN
     for step in (-half, half + 0.5 * THINNEST_WALL, -0.5 * THINNEST_WALL):
         floor = shapely.buffer(floor, step, join_style="mitre", mitre_limit=1.5)
     # Mitred buffers may come out crossing themselves, which set_precision doesn't take.

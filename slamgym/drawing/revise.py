@@ -15,7 +15,7 @@ from slamgym.drawing.edits import Correction, Corrections
 from slamgym.drawing.openings import Division, Gap, divide, lengthened, onto_faces
 from slamgym.drawing.settings import (
     MARGIN,
-    NARROWEST_FLOOR,
+    NARROWEST_DRAWN,
     SAME_PLACE,
     SMALLEST_ROOM,
     THICKEST_WALL,
@@ -183,8 +183,8 @@ def _with_wall(
     beyond = []
     for point in line.coords:
         # A slit between its end and another wall is wall.
-        is_free = floor.covers(Point(point).buffer(NARROWEST_FLOOR))
-        beyond.append(0.0 if is_free else NARROWEST_FLOOR)
+        is_free = floor.covers(Point(point).buffer(NARROWEST_DRAWN))
+        beyond.append(0.0 if is_free else NARROWEST_DRAWN)
     before, after = beyond
     longer = lengthened(line, before, after)
     added = longer.buffer(0.5 * thickness, cap_style="flat").intersection(changed)
@@ -195,14 +195,14 @@ def _at_jambs(entry: Correction, floor: BaseGeometry) -> Segment:
     """A door on the floor with its ends at corners, or else faces, if the floor between is too narrow to be drawn."""
     faces = floor.boundary
     corners = shapely.MultiPoint(shapely.get_coordinates(faces))
-    jambs = [(shape, most) for most in (SAME_PLACE, NARROWEST_FLOOR) for shape in (corners, faces)]
+    jambs = [(shape, most) for most in (SAME_PLACE, NARROWEST_DRAWN) for shape in (corners, faces)]
     ends = []
     for point in map(Point, entry.line):
         near = [shape for shape, most in jambs if point.distance(shape) <= most]
         jamb = nearest_points(near[0], point)[0] if near else point
         ends.append((jamb.x, jamb.y))
     fitted = Segment(*ends)
-    return fitted if fitted.length >= NARROWEST_FLOOR else Segment(*entry.line)
+    return fitted if fitted.length >= NARROWEST_DRAWN else Segment(*entry.line)
 
 
 def _beside_door(door: Segment, floor: BaseGeometry) -> Iterator[LineString]:
@@ -218,7 +218,7 @@ def _without_slits(floor: BaseGeometry) -> MultiPolygon:
     """A floor without slits and patches that nobody draws."""
     wider = floor.buffer(0.5 * THINNEST_WALL, join_style="mitre")
     closed = wider.buffer(-0.5 * THINNEST_WALL, join_style="mitre").simplify(2e-3)
-    return MultiPolygon([part for part in polygon_parts(closed) if part.area > NARROWEST_FLOOR**2])
+    return MultiPolygon([part for part in polygon_parts(closed) if part.area > NARROWEST_DRAWN**2])
 
 
 def _added_gaps(
@@ -288,7 +288,7 @@ class _Crossings:
         near = entry.shape.buffer(1e-3)
         for piece in shapely.get_parts(line.intersection(inside)):
             covered = piece.intersection(near).length
-            if piece.length >= NARROWEST_FLOOR and covered >= 0.5 * piece.length:
+            if piece.length >= NARROWEST_DRAWN and covered >= 0.5 * piece.length:
                 gap = Gap(piece.coords[0], piece.coords[-1], kind="opening")
                 yield from onto_faces([gap], space)
 

@@ -19,7 +19,7 @@ SAME_DIRECTION = math.radians(8.0)
 """Lines whose directions differ by no more run alike [rad]."""
 MARGIN = 1.0
 """What is shown or looked at goes so far beyond what is known, drawn or meant [m]."""
-NARROWEST_FLOOR = 0.2
+NARROWEST_DRAWN = 0.2
 """Floor that is narrower isn't drawn, such as a slit between two walls, so no boundary is shorter [m]."""
 THICKEST_WALL = 0.5
 """Two faces farther apart aren't those of one wall [m]."""

@@ -16,7 +16,8 @@ from slamgym.core.geometry import transform_points
 from slamgym.core.types import FREE, FloatArray
 from slamgym.drawing.comparison.faces import MapEvidence
 from slamgym.drawing.evidence import SEEN_WITHIN
-from slamgym.drawing.settings import MAJORITY, NARROWEST_FLOOR, USUAL_CELL
+from slamgym.drawing.settings import MAJORITY, USUAL_CELL
+from slamgym.metrics.cleaning import WIDEST_WALL_GAP
 
 TURNS = 60
 """Directions in which structures are looked for."""
@@ -65,7 +66,7 @@ def _straight_pieces(points: FloatArray, evidence: MapEvidence) -> FloatArray:
     image = np.zeros(frame.shape, np.uint8)
     image[frame.to_cell(*evidence.on_map(points).T)] = 255
     shortest = SHORTEST_EXTRA / frame.resolution
-    gap = NARROWEST_FLOOR / frame.resolution
+    gap = WIDEST_WALL_GAP / frame.resolution
     turn = np.pi / TURNS
     rows = cv2.HoughLinesP(
         image, 1.0, turn, math.ceil(shortest), minLineLength=shortest, maxLineGap=gap

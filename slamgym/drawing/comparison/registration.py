@@ -20,6 +20,7 @@ from slamgym.core.geometry import compose, transform_points, wrap_angle
 from slamgym.core.types import FREE, Float32Array, FloatArray, GridFrame, Pose2D
 from slamgym.drawing.comparison.faces import MapEvidence, PlanWalls
 from slamgym.drawing.free_space import cross
+from slamgym.drawing.settings import SAME_DIRECTION
 from slamgym.metrics.maps import distance_to
 
 ANGLES = 120
@@ -32,8 +33,6 @@ REFINED = 8
 """Poses that are refined."""
 DISTINCT_PLACE = 0.6
 """Poses are distinct if their places differ by more [m]."""
-DISTINCT_TURN = 0.12
-"""Poses are distinct if they are turned by more against each other [rad]."""
 GATES = (1.0, 0.7, 0.5, 0.35, 0.25, 0.25, 0.2)
 """Points farther from their wall than this are left out, iteration by iteration [m]."""
 NORMAL_WEIGHT = 0.5
@@ -249,7 +248,7 @@ def _coarse_poses(
 def _highest_peaks(scores: Float32Array, cell: float) -> list[tuple[int, int, int]]:
     """Turn, row and column of the highest distinct peaks of scores (turns, rows, cols), the highest last."""
     rows_apart = math.ceil(DISTINCT_PLACE / cell)
-    turns_apart = math.ceil(DISTINCT_TURN * ANGLES / (2.0 * np.pi))
+    turns_apart = math.ceil(SAME_DIRECTION * ANGLES / (2.0 * np.pi))
     side = 2 * rows_apart + 1
     size = (2 * turns_apart + 1, side, side)
     highest_around = maximum_filter(scores, size, mode=("wrap", "nearest", "nearest"))
@@ -285,4 +284,4 @@ def _are_distinct(first: Pose2D, second: Pose2D, middle: FloatArray) -> bool:
     place = transform_points(first, middle[None])[0]
     other = transform_points(second, middle[None])[0]
     turn = abs(float(wrap_angle(first.theta - second.theta)))
-    return math.dist(place, other) > DISTINCT_PLACE or turn > DISTINCT_TURN
+    return math.dist(place, other) > DISTINCT_PLACE or turn > SAME_DIRECTION

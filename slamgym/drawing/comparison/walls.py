@@ -20,7 +20,8 @@ from slamgym.drawing.free_space import cross
 from slamgym.drawing.settings import MAJORITY, USUAL_CELL, ComparisonConfig
 
 ALIKE = 0.7
-"""Cosine of the angle between normals up to which a face of the map may be one of the plan."""
+"""Cosine of the angle between normals up to which a face of the map may be one of the plan. With 0 walls that moved are
+measured to 2.3 instead of 2.1 cm in furnished homes."""
 NEAR = 0.1
 """So near to its place a wall is there, and so near to the commonest offset a point belongs to its wall [m]."""
 LEAST_SEEN = 0.3
