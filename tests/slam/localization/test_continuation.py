@@ -112,7 +112,7 @@ def test_the_command_continues_a_run_and_writes_nothing_where_it_cannot(tmp_path
     with pytest.raises(SlamgymError, match="isn't sure to find itself"):
         main([str(tmp_path / "wrong.log"), *arguments])
     assert not (tmp_path / "new").exists()
-    with pytest.raises(SlamgymError, match="old is the map to go on with"):
+    with pytest.raises(SlamgymError, match="old: is the map to go on with"):
         main([str(tmp_path / "right.log"), *arguments[:-1], str(tmp_path / "old")])
     assert main([str(tmp_path / "right.log"), *arguments]) == 0
     summary = json.loads((tmp_path / "new" / "summary.json").read_text())
