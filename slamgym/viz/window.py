@@ -1,6 +1,5 @@
 """A window that shows pictures as they come."""
 
-import os
 from typing import Any
 
 from slamgym.core.errors import SlamgymError
@@ -40,10 +39,6 @@ class Window:
             pygame.display.init()
         except pygame.error as error:
             raise _no_display(error) from None
-        # Where SDL finds no screen it draws where nobody sees it.
-        if pygame.display.get_driver() == "offscreen" and "SDL_VIDEODRIVER" not in os.environ:
-            pygame.display.quit()
-            raise _no_display("there is no screen")
 
     def show(self, picture: ByteArray) -> None:
         """Show an RGB picture, shape (height, width, 3), and wait for the time of the next one.
@@ -76,7 +71,7 @@ class Window:
         self._pygame.display.quit()
 
 
-def _no_display(error: object) -> SlamgymError:
+def _no_display(error: Exception) -> SlamgymError:
     return SlamgymError(
         f'can\'t open a window ({error}); without a display, write a film or use render_mode="rgb_array"'
     )
