@@ -223,7 +223,7 @@ class TestErrors:
             _read((tmp_path / "a.bag", BagChoices()))  # in this process, which lacks it
 
     def test_a_folder_without_a_bag_is_one_error(self, tmp_path):
-        with pytest.raises(InputFileError, match="without a ROS bag"):
+        with pytest.raises(InputFileError, match="no episode and no ROS bag"):
             open_log(tmp_path)
 
     @settings(max_examples=25)
