@@ -93,7 +93,7 @@ def arguments_of(config: LearnerConfig) -> dict[str, Any]:
 
 
 def _scheduled(name: str, value: Any) -> Any:
-    """A value that falls linearly to a tenth, where it is written so."""
+    """A value as the algorithm takes it: text is a number, or one that falls linearly to a tenth."""
     if not isinstance(value, str):
         return value
     try:

@@ -14,6 +14,7 @@ from slamgym.commands.log_input import LogReading, checked_log
 from slamgym.core.config import Arguments
 from slamgym.core.documents import YAML_SUFFIXES
 from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.files import spare_inputs
 from slamgym.core.pictures import PICTURE_SUFFIXES
 from slamgym.core.progress import say
 
@@ -76,10 +77,7 @@ def _check(arguments: MergeMapsArguments) -> None:
         twin = seen.setdefault(path.resolve(), path)
         if twin is not path:
             raise InputFileError(path, f"is {twin} once more; name each map once")
-    if arguments.out.resolve() in seen:
-        raise InputFileError(
-            arguments.out, "is an input and would be written over; name another --out"
-        )
+    spare_inputs(inputs, arguments.out, "an input")
 
 
 def _read(path: Path, reading: LogReading) -> Part:

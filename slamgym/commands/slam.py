@@ -18,7 +18,8 @@ from slamgym.commands.frame import Out, begin_results, end_results, require_fold
 from slamgym.commands.log_input import LogAndOut, LogReading, checked_log, faults_of
 from slamgym.commands.settings import AllSettings, SettingsOptions
 from slamgym.core.config import Count, Seed, to_dict
-from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.errors import ConfigError
+from slamgym.core.files import spare_inputs
 from slamgym.core.progress import counted, show_progress
 from slamgym.slam.config import Mode, SlamConfig
 
@@ -82,7 +83,10 @@ def main(arguments: SlamArguments) -> None:
 
     require_folder(arguments.out)
     _check_settings(arguments)
-    older = None if arguments.continue_ is None else stored_part(arguments.continue_)
+    older = None
+    if arguments.continue_ is not None:
+        spare_inputs([arguments.continue_], arguments.out, "the map to go on with")
+        older = stored_part(arguments.continue_)
     relations = read_relations(arguments.relations) if arguments.relations is not None else None
     log = checked_log(arguments.log, arguments)
     truth = read_truth(arguments.log)
@@ -112,11 +116,6 @@ def _options(arguments: SlamArguments) -> dict[str, Any]:
 
 def _check_settings(arguments: SlamArguments) -> None:
     """Refuse wrong settings before a log is read, which may take long."""
-    older = arguments.continue_
-    if older is not None and older.resolve() == arguments.out.resolve():
-        raise InputFileError(
-            arguments.out, "is the map to go on with and would be written over; name another --out"
-        )
     config = arguments.settings.chosen(SlamConfig(), _options(arguments))
     if config.mode == "ground_truth":
         raise ConfigError(

@@ -210,8 +210,8 @@ def require_file(path: Path | str, limit: Limit = FILE_BYTES) -> None:
     open_regular(path, limit).close()
 
 
-def spare_inputs(sources: Iterable[Path], target: Path) -> None:
-    """Refuse to write over what is read.
+def spare_inputs(sources: Iterable[Path], target: Path, role: str = "the input itself") -> None:
+    """Refuse to write over what is read; ``role`` says in the error what that is to the command.
 
     Raises:
         InputFileError: If the target is one of the sources.
@@ -220,7 +220,7 @@ def spare_inputs(sources: Iterable[Path], target: Path) -> None:
         with contextlib.suppress(OSError, ValueError):  # one of them isn't there, or is no path
             if target.samefile(source):
                 raise InputFileError(
-                    target, "is the input itself and would be written over; name another --out"
+                    target, f"is {role} and would be written over; name another --out"
                 )
 
 

@@ -71,8 +71,9 @@ def ring_corners(edges: list[Edge], most: float) -> FloatArray:
 
 def without_necks(floor: BaseGeometry) -> MultiPolygon:
     """A floor of valid polygons [m] without slits and parts that only touch, its corners on the grid."""
-    half = 0.5 * NARROWEST_DRAWN
-    for step in (-half, half + 0.5 * THINNEST_WALL, -0.5 * THINNEST_WALL):
+    neck = 0.5 * NARROWEST_DRAWN
+    slit = 0.5 * THINNEST_WALL
+    for step in (-neck, neck + slit, -slit):
         floor = shapely.buffer(floor, step, join_style="mitre", mitre_limit=1.5)
     # Mitred buffers may come out crossing themselves, which set_precision doesn't take.
     floor = shapely.make_valid(floor)

@@ -216,8 +216,8 @@ def _beside_door(door: Segment, floor: BaseGeometry) -> Iterator[LineString]:
 
 def _without_slits(floor: BaseGeometry) -> MultiPolygon:
     """A floor without slits and patches that nobody draws."""
-    wider = floor.buffer(0.5 * THINNEST_WALL, join_style="mitre")
-    closed = wider.buffer(-0.5 * THINNEST_WALL, join_style="mitre").simplify(2e-3)
+    slit = 0.5 * THINNEST_WALL
+    closed = floor.buffer(slit, join_style="mitre").buffer(-slit, join_style="mitre").simplify(2e-3)
     return MultiPolygon([part for part in polygon_parts(closed) if part.area > NARROWEST_DRAWN**2])
 
 

@@ -18,12 +18,18 @@ from slamgym.cad import write_houseexpo
 from slamgym.core.config import config_hash
 from slamgym.core.documents import json_text
 from slamgym.core.errors import InputFileError
-from slamgym.core.files import read_bytes
 from slamgym.core.progress import tell
 from slamgym.core.types import GridFrame, OccupancyGrid, Pose2D, Trajectory
 from slamgym.dataset.curate.split import split_path
 from slamgym.dataset.folder import open_dataset, stage_pair
-from slamgym.dataset.format import EDITION, FIELD_FILE, FORMAT_VERSION, Layout, is_dataset
+from slamgym.dataset.format import (
+    EDITION,
+    FIELD_FILE,
+    FORMAT_VERSION,
+    Layout,
+    is_dataset,
+    read_dataset_config,
+)
 from slamgym.dataset.generate.recipe import MIXTURE
 from slamgym.dataset.record import MapPair, Slot
 from slamgym.interop import write_ros_map, write_tum
@@ -82,8 +88,7 @@ def _check_folder(root: Path, is_replaced: bool) -> None:
         raise InputFileError(root, "is the folder that you are in; name one inside it")
     if not root.exists() or (root.is_dir() and not any(root.iterdir())):
         return
-    config = Layout(root).config
-    if not config.is_file() or b'"deform"' not in read_bytes(config):
+    if not Layout(root).config.is_file() or "deform" not in read_dataset_config(root):
         raise InputFileError(root, "holds no dataset of `slamgym deform`; choose a new folder")
     if not is_replaced:
         raise InputFileError(root, "exists already; give --overwrite to replace it")

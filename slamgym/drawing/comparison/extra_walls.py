@@ -93,7 +93,7 @@ def _is_seen_from_both_sides(line: LineString, evidence: MapEvidence) -> bool:
     along = end - start
     along_x, along_y = along
     normal = np.array([-along_y, along_x]) / line.length
-    count = max(5, round(line.length / 0.05))
+    count = max(5, round(line.length / USUAL_CELL))
     points = start + np.linspace(0.05, 0.95, count)[:, None] * along
     depths = np.arange(0.1, THICKEST + 0.1, USUAL_CELL)[:, None] * normal
     on_left = _share_seen(points[:, None] + depths, evidence)
