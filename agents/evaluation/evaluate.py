@@ -111,7 +111,7 @@ class EvaluationConfig(Settings):
 
     def _check(self) -> None:
         if not self.names:
-            raise ConfigError("name at least one explorer")
+            raise ConfigError("name at least one explorer, such as tour")
         if ORACLE in self.explorers:
             raise ConfigError(
                 f"{ORACLE} knows the floor plan, so it isn't called by name; set oracle"

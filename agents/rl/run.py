@@ -5,7 +5,6 @@ network (or takes up a checkpoint), and learns to the end. A checkpoint is no pi
 """
 
 import csv
-import dataclasses
 import io
 import json
 import math
@@ -27,7 +26,7 @@ from slamgym.agents.rl.checkpoint import CHECKPOINT, load_checkpoint, save_check
 from slamgym.agents.rl.learner import algorithm_class, arguments_of
 from slamgym.agents.rl.train_config import BEST, POLICY, RunConfig
 from slamgym.cad import FloorPlan
-from slamgym.core.config import from_dict, to_dict
+from slamgym.core.config import changed_settings, from_dict, to_dict
 from slamgym.core.documents import read_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import append_line, own_folder, read_text, write_text
@@ -163,14 +162,12 @@ def _refuse_other_run(config: RunConfig, out: Path) -> None:
         ConfigError: If it does.
     """
     if (out / CONFIG).exists():
-        old = read_run(type(config), out)
-        for entry in dataclasses.fields(config):
-            mine = getattr(config, entry.name)
-            theirs = getattr(old, entry.name)
-            if mine != theirs and entry.name not in _MAY_CHANGE:
-                raise ConfigError(
-                    f"{out} holds a run with {entry.name} = {theirs}, not {mine}; choose another folder"
-                )
+        before, now = to_dict(read_run(type(config), out)), to_dict(config)
+        changes = changed_settings(before, now | {name: before[name] for name in _MAY_CHANGE})
+        if changes:
+            raise ConfigError(
+                f"{out} holds a run with other settings ({changes}); choose another folder"
+            )
 
 
 def read_run(kind: type[ConfigT], folder: Path) -> ConfigT:

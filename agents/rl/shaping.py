@@ -26,7 +26,7 @@ from slamgym.agents.rl.environments import explore_plan, figures_of
 from slamgym.agents.rl.reward_presets import BASE, OWN, ShapingConfig
 from slamgym.agents.rl.train_config import POLICY
 from slamgym.cad import FloorPlan
-from slamgym.core.config import to_dict
+from slamgym.core.config import changed_settings, to_dict
 from slamgym.core.documents import json_text, read_json
 from slamgym.core.errors import ConfigError
 from slamgym.core.files import exclusive_lock, own_folder, write_text
@@ -163,8 +163,13 @@ def _run_one(
     path = folder / RESULTS
     if not path.exists():
         write_text(path, json_text(identity))
-    elif read_json(path, "delete the folder to begin that run again") != identity:
-        raise ConfigError(f"{folder} holds a run with other settings; choose another folder")
+    else:
+        before = read_json(path, "delete the folder to begin that run again")
+        changes = changed_settings(before, identity)
+        if changes:
+            raise ConfigError(
+                f"{folder} holds a run with other settings ({changes}); choose another folder"
+            )
     log = TrialLog(folder / "trials.jsonl", Trial)
     trials = {trial.plan: trial for trial in log.trials.values()}
     left = [plan for plan in plans if plan.id not in trials]

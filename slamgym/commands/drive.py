@@ -7,7 +7,7 @@ import dataclasses
 from collections.abc import Collection
 from typing import Annotated
 
-from slamgym.commands.frame import MaybeOut
+from slamgym.commands.frame import MaybeOut, open_window
 from slamgym.commands.settings import AllSettings, SettingsOptions
 from slamgym.core.config import Arguments, Seed, Within
 from slamgym.core.progress import say, tell
@@ -25,6 +25,7 @@ KEYS = {
 """Shares of full speed ahead and of full turning rate; at the whole of it (1.82 rad/s) a step of 0.2 s turns by 21
 degrees, too much to aim."""
 QUIT = ("q", "escape")
+_WITHOUT_SCREEN = "drive where there is one, or let slamgym watch --out FILE.mp4 film an explorer"
 
 
 class DriveArguments(Arguments):
@@ -57,14 +58,15 @@ def main(arguments: DriveArguments) -> None:
     from slamgym.envs import ExploreConfig, ExploreEnv
     from slamgym.envs.episode import fitted_env
     from slamgym.interop import write_ros_map
-    from slamgym.viz.window import Window, WindowClosedError
+    from slamgym.viz.window import WindowClosedError
 
     plan = choose_plan(arguments.plans, arguments.plan, arguments.seed)
     config = arguments.settings.configured(ExploreConfig(), {}).for_explorer()
     config = fitted_env(plan, dataclasses.replace(config, actions="normalized"), "auto")
     frames_per_second = arguments.speed / config.control_step
     with contextlib.ExitStack() as stack:
-        window = stack.enter_context(contextlib.closing(Window("slamgym drive", frames_per_second)))
+        window = open_window("slamgym drive", frames_per_second, _WITHOUT_SCREEN)
+        stack.callback(window.close)
         env = ExploreEnv(plan, config, render_mode="rgb_array")
         stack.enter_context(contextlib.closing(env))
         _, info = env.reset(seed=arguments.seed)

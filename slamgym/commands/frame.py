@@ -6,7 +6,7 @@ import importlib.util
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import tyro
 
@@ -17,6 +17,9 @@ from slamgym.core.errors import ConfigError, InputFileError, SlamgymError
 from slamgym.core.files import storage_errors, write_text
 from slamgym.core.progress import tell
 from slamgym.core.text import printable
+
+if TYPE_CHECKING:
+    from slamgym.viz.window import Window
 
 Out = Annotated[Path, tyro.conf.arg(aliases=["-o"])]
 MaybeOut = Annotated[Path | None, tyro.conf.arg(aliases=["-o"])]
@@ -67,6 +70,26 @@ def require(extra: Extra, what: str, otherwise: str = "") -> None:
 def is_installed(package: str) -> bool:
     """True if a package can be imported, which isn't done."""
     return importlib.util.find_spec(package) is not None
+
+
+def open_window(title: str, frames_per_second: float, otherwise: str) -> Window:
+    """A window that somebody can see.
+
+    Args:
+        title: Of the window.
+        frames_per_second: See :class:`~slamgym.viz.window.Window`.
+        otherwise: What to do without a screen.
+
+    Raises:
+        SlamgymError: If there is no screen, or pygame isn't installed.
+    """
+    from slamgym.viz.window import Window
+
+    window = Window(title, frames_per_second)
+    if window.is_unseen:
+        window.close()
+        raise SlamgymError(f"no screen was found; {otherwise}")
+    return window
 
 
 def require_folder(out: Path) -> None:

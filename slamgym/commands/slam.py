@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from textwrap import shorten
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import tyro
 
-from slamgym.commands.frame import Out, begin_results, end_results, require_folder
+from slamgym.commands.frame import Out, begin_results, end_results, open_window, require_folder
 from slamgym.commands.log_input import LogAndOut, LogReading, checked_log, faults_of
 from slamgym.commands.settings import AllSettings, SettingsOptions
 from slamgym.core.config import Count, Seed, to_dict
@@ -138,14 +138,15 @@ def _replay(arguments: SlamArguments, log: Log, config: SlamConfig) -> ReplayRes
     """Replay with a progress bar, a window and a film if wanted."""
     from slamgym.slam.replay import replay
     from slamgym.viz.films import open_film
-    from slamgym.viz.window import Window
 
     with ExitStack() as stack:
         screens: list[ShowPicture] = []
         if arguments.video is not None:
             screens.append(stack.enter_context(open_film(arguments.video, _FRAMES_PER_SECOND)))
         if arguments.watch:
-            window = stack.enter_context(closing(Window(f"slamgym slam {arguments.log.name}")))
+            title = f"slamgym slam {arguments.log.name}"
+            window = open_window(title, 0.0, "write a film: --video FILE.mp4")
+            stack.callback(window.close)
             screens.append(window.show)
         advance = stack.enter_context(show_progress("scans", 0, len(log)))
         show = _viewer(screens, len(log))

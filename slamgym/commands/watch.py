@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 
-from slamgym.commands.frame import MaybeOut, require_plan
+from slamgym.commands.frame import MaybeOut, open_window, require_plan
 from slamgym.commands.settings import AllSettings, SettingsOptions
 from slamgym.core.config import Arguments, Positive, Seed, Within
 from slamgym.core.errors import ConfigError
@@ -138,7 +138,6 @@ def _open_screen(
 ) -> Callable[[int], None]:
     """What shows the picture after a step, in a film each n-th one, or in a window; nothing beside a recording."""
     from slamgym.viz.films import open_film
-    from slamgym.viz.window import Window
 
     if arguments.out is not None:
         stride = max(1, round(arguments.speed / arguments.fps / config.control_step))
@@ -151,7 +150,7 @@ def _open_screen(
         return show
     if arguments.rerun is not None:
         return lambda _: None
-    window = Window("slamgym", round(config.lidar.rate))
+    window = open_window("slamgym", round(config.lidar.rate), "write a film: --out FILE.mp4")
     files.callback(window.close)
     return lambda _: window.show(draw())
 

@@ -8,7 +8,7 @@ import itertools
 import json
 import types
 import typing
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar
 
 from typing_extensions import dataclass_transform
@@ -22,6 +22,8 @@ STAMPS = ("format_version", "edition", "version", "plans")
 """Entries of files of settings that are none, unless a setting has that name."""
 _MOST_LISTED = 40
 """More names than that are no help in a sentence."""
+_MOST_CHANGES = 3
+"""So many changes are named in an error."""
 
 
 LARGEST = 1e9
@@ -267,6 +269,25 @@ def _to_tuple(make: Any, conversions: Sequence[_Conversion | None], value: Any, 
         return make(items)
     except TypeError:  # too few or too many
         return tuple(items)
+
+
+def changed_settings(before: Any, now: Any) -> str:
+    """The first settings that differ between two JSON forms, in words; empty where none does."""
+    changes = list(_differences(before, now))
+    others = len(changes) - _MOST_CHANGES
+    named = "; ".join(changes[:_MOST_CHANGES])
+    return f"{named}; and {others} more" if others > 0 else named
+
+
+def _differences(before: Any, now: Any, where: str = "") -> Iterator[str]:
+    """Name each setting that differs."""
+    if isinstance(before, dict) and isinstance(now, dict):
+        for key in sorted(before.keys() | now.keys()):
+            yield from _differences(
+                before.get(key), now.get(key), f"{where}.{key}" if where else key
+            )
+    elif before != now:
+        yield f"{where} was {shown(before)}, now {shown(now)}"
 
 
 def config_hash(config: Any) -> str:

@@ -22,6 +22,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from slamgym.core.config import changed_settings
 from slamgym.core.documents import parse_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import (
@@ -56,8 +57,6 @@ if TYPE_CHECKING:
 _OUR_NAME = re.compile(r"([0-9]{6,8})_[A-Za-z0-9_.-]+")  # below MAX_SLOTS
 _INDEX_SHARE_OF_TIME = 0.02
 """The manifest is rewritten at most so often that it costs this share of the time."""
-_SHOWN = 3
-"""So many differences are named in an error."""
 
 
 class DatasetFolder:
@@ -323,21 +322,9 @@ def claim_folder(
         replace_file(path, (json.dumps(settings, indent=2) + "\n").encode())
         return
     as_written = json.loads(json.dumps(settings))
-    changes = list(differences(read_object(path), as_written))
+    changes = changed_settings(read_object(path), as_written)
     if changes:
-        more = f"; and {len(changes) - _SHOWN} more" if len(changes) > _SHOWN else ""
         raise ConfigError(
-            f"{root}: holds {content} made with other settings ({'; '.join(changes[:_SHOWN])}{more}); "
+            f"{root}: holds {content} made with other settings ({changes}); "
             "choose a new folder, or the same settings to go on"
         )
-
-
-def differences(before: Any, now: Any, where: str = "") -> Iterator[str]:
-    """Name the settings that differ between two JSON values."""
-    if isinstance(before, dict) and isinstance(now, dict):
-        for key in sorted(before.keys() | now.keys()):
-            yield from differences(
-                before.get(key), now.get(key), f"{where}.{key}" if where else key
-            )
-    elif before != now:
-        yield f"{where} was {json.dumps(before)}, now {json.dumps(now)}"

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from slamgym.core.config import changed_settings
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import exclusive_lock, own_folder, read_text, storage_errors, sync_tree
 from slamgym.core.progress import Advance, show_progress
 from slamgym.dataset.folder import (
     DatasetFolder,
-    differences,
     is_whole,
     open_dataset,
     pair_names,
@@ -77,10 +77,10 @@ def merge_shards(root: Path | str) -> MergeReport:
 def _common_settings(shards: list[Path]) -> dict[str, Any]:
     first = read_dataset_config(shards[0])
     for shard in shards[1:]:
-        change = next(differences(first, read_dataset_config(shard)), None)
-        if change is not None:
+        changes = changed_settings(first, read_dataset_config(shard))
+        if changes:
             raise ConfigError(
-                f"{shard}: made with other settings than {shards[0].name} ({change}); remove one"
+                f"{shard}: made with other settings than {shards[0].name} ({changes}); remove one"
             )
     return first
 

@@ -1,6 +1,7 @@
 """The environment at the level of decisions: each step chooses a frontier, and the robot drives there."""
 
 import dataclasses
+import operator
 from collections.abc import Mapping
 from typing import Any, Literal
 
@@ -223,8 +224,8 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         """
         rows = self._num_actions
         try:
-            index = int(action)
-        except (TypeError, ValueError):
+            index = operator.index(action)
+        except TypeError:
             index = -1
         if not 0 <= index < rows:
             raise ActionError(

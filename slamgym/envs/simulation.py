@@ -1,6 +1,7 @@
 """One robot's episode: its actions, views of it in a fleet, and its log."""
 
 import math
+import operator
 from typing import Any
 
 import numpy as np
@@ -67,7 +68,7 @@ class Actions:
         """
         try:
             if self._commands:
-                return np.array([self._commands[int(action)] for action in actions])
+                return np.array([self._commands[operator.index(action)] for action in actions])
             shares: FloatArray = np.asarray(actions, dtype=np.float64).reshape(len(actions), 2)
         except (TypeError, ValueError, KeyError):
             raise ActionError(actions, EXPECTED_ACTIONS[self._kind]) from None

@@ -1,5 +1,6 @@
 """A window that shows pictures as they come."""
 
+import os
 from typing import Any
 
 from slamgym.core.errors import SlamgymError
@@ -65,6 +66,13 @@ class Window:
         self._screen.blit(pygame.surfarray.make_surface(picture.swapaxes(0, 1)), (0, 0))
         pygame.display.flip()
         self._clock.tick(self._rate)
+
+    @property
+    def is_unseen(self) -> bool:
+        """True if SDL found no screen, so that it draws where nobody sees it, and nobody asked it to."""
+        return (
+            "SDL_VIDEODRIVER" not in os.environ and self._pygame.display.get_driver() == "offscreen"
+        )
 
     def close(self) -> None:
         """Close the window."""

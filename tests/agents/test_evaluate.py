@@ -288,6 +288,8 @@ def test_one_explorer_alone_needs_no_reference(tmp_path):
             ["--explorers", "nearest", "--against", "explore_lite"],
             "--against explore_lite is not among",
         ),
+        (["--explorers", " , "], "name at least one explorer, such as tour"),
+        (["--explorers", ""], "name at least one explorer"),
         (["--workers", "-1"], "--workers"),
     ],
 )

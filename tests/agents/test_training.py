@@ -85,7 +85,7 @@ def test_a_run_is_saved_and_goes_on_where_it_stopped(tmp_path, capsys):
     for name, value in read_policy(tmp_path / "policy.safetensors")[0].items():
         np.testing.assert_array_equal(value, weights[name])
     assert again.policy.optimizer.state_dict()["state"]
-    with pytest.raises(ConfigError, match="holds a run with seed = 0"):
+    with pytest.raises(ConfigError, match=r"other settings \(seed was 0, now 1\); choose"):
         train(dataclasses.replace(half, seed=1), tmp_path)
     (tmp_path / "checkpoint.safetensors").write_bytes(b"not a checkpoint")
     with pytest.raises(InputFileError, match="checkpoint"):

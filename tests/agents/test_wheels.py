@@ -141,7 +141,7 @@ def test_a_run_is_validated_saved_and_goes_on(tmp_path):
         policy.weights["first.weight"],
     )
     assert train_wheels(dataclasses.replace(TINY, steps=72), tmp_path).num_timesteps == 72
-    with pytest.raises(ConfigError, match="holds a run with seed = 0"):
+    with pytest.raises(ConfigError, match="seed was 0, now 1"):
         train_wheels(dataclasses.replace(TINY, seed=1), tmp_path)
 
 

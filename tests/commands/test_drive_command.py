@@ -84,3 +84,22 @@ def test_mistakes_are_one_line(drive, capsys, more, words):
     error = capsys.readouterr().err
     assert words in error
     assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "advice"),
+    [
+        (
+            ["drive"],
+            "drive where there is one, or let slamgym watch --out FILE.mp4 film an explorer",
+        ),
+        (["watch", "--explorer", "nearest"], "write a film: --out FILE.mp4"),
+    ],
+)
+def test_without_a_screen_a_window_is_refused_with_what_to_do(monkeypatch, capsys, words, advice):
+    monkeypatch.delenv("SDL_VIDEODRIVER", raising=False)
+    monkeypatch.setattr("pygame.display.init", lambda: None)
+    monkeypatch.setattr("pygame.display.get_driver", lambda: "offscreen")
+    assert cli.main(words) == 2
+    error = capsys.readouterr().err
+    assert f"no screen was found; {advice}" in error.splitlines()[-1]

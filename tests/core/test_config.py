@@ -23,6 +23,7 @@ from slamgym.core.config import (
     Share,
     ShareBelowOne,
     Within,
+    changed_settings,
     config_hash,
     from_dict,
     replace_setting,
@@ -82,6 +83,18 @@ def test_unknown_names_are_refused_with_a_suggestion(values, words):
 def test_the_hash_distinguishes_settings_and_is_stable():
     assert config_hash(Outer()) == config_hash(Outer())
     assert config_hash(Outer()) != config_hash(Outer(particles=31))
+
+
+def test_of_changed_settings_only_the_first_are_named():
+    before = {"seed": 1, "slam": {"particles": 30, "rate": 5.0}, "plans": ["home"] * 99, "time": 3}
+    assert changed_settings(before, dict(before)) == ""
+    nested = {**before, "slam": {"particles": 40, "rate": 5.0}}
+    assert changed_settings(before, nested) == "slam.particles was 30, now 40"
+    several = {"seed": 2, "slam": {}, "plans": ["school"], "time": 4}
+    named = changed_settings(before, several)
+    assert named.startswith("plans was ['home', 'home', ")
+    assert named.endswith("; slam.particles was 30, now None; and 2 more")
+    assert len(named) < 200
 
 
 def test_a_setting_is_replaced_by_its_dotted_name():

@@ -93,7 +93,7 @@ def test_other_settings_are_refused_by_name(tmp_path):
         pass
     other = {"seed": 1, "episode": {"minutes": 7, "particles": 30}}
     with (
-        pytest.raises(ConfigError, match=r'episode\.minutes was "auto", now 7') as caught,
+        pytest.raises(ConfigError, match=r"episode\.minutes was 'auto', now 7") as caught,
         open_dataset(tmp_path, other),
     ):
         pass

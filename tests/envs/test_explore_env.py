@@ -394,6 +394,7 @@ def test_a_map_made_without_errors_has_none_but_its_cells(flat):
         ("physical", np.zeros(3, np.float32), "the speed .* and the turning rate"),
         ("discrete", 3, r"0 \(ahead\), 1 \(turn left\) or 2 \(turn right\), not 3"),
         ("discrete", -1, "not -1"),
+        ("discrete", 1.5, "not 1.5"),
         ("discrete", (1.0, 0.0), "0 .ahead."),
     ],
 )
@@ -410,7 +411,7 @@ def test_a_wrong_action_is_one_clear_error(
 def test_a_wrong_choice_of_frontier_is_one_clear_error(hall: FloorPlan) -> None:
     env = gym.make("slamgym/ExploreFrontiers-v4", plans=hall, localization="ground_truth").unwrapped
     env.reset(seed=0)
-    for wrong in (32, -1, [1, 2], "left"):
+    for wrong in (32, -1, 1.5, np.array(0.5), [1, 2], "left"):
         with pytest.raises(
             ActionError, match="a whole number from 0 to 31, as the action space has it, not"
         ):

@@ -106,8 +106,10 @@ def evaluation_config(arguments: EvaluateArguments) -> EvaluationConfig:
     from slamgym.agents.registry import EXPLORERS
     from slamgym.planning.promise import Promise
 
-    names = [name.strip() for name in (arguments.explorers or "").split(",")]
-    names = [name for name in names if name] or list(EXPLORERS)
+    names = list(EXPLORERS)
+    if arguments.explorers is not None:
+        asked = [name.strip() for name in arguments.explorers.split(",")]
+        names = [name for name in asked if name]
     counts = [count.strip() for count in arguments.robots.split(",")]
     teams = [str(TeamName.read(f"{name}*{count}")) for count in counts for name in names]
     options = {
@@ -116,7 +118,7 @@ def evaluation_config(arguments: EvaluateArguments) -> EvaluationConfig:
         "plans_filter": arguments.plans_filter,
         "seed": arguments.seed,
         "minutes": arguments.minutes,
-        "explorers": tuple(teams) if arguments.explorers or counts != ["1"] else None,
+        "explorers": tuple(teams) if arguments.explorers is not None or counts != ["1"] else None,
         "oracle": arguments.oracle or None,
     }
     promise = arguments.promise

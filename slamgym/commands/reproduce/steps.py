@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from slamgym import __version__
+from slamgym.core.config import changed_settings
 from slamgym.core.documents import json_text, parse_yaml, read_json
 from slamgym.core.errors import ConfigError, SlamgymError
 from slamgym.core.files import read_text, replace_file, write_text
@@ -75,9 +76,11 @@ class Reproduction:
         """By name: ``commands``, ``seconds`` and ``cpu_seconds`` of the machine's time."""
         if self._state.exists():
             found = read_json(self._state, "choose another folder")
-            if not isinstance(found, dict) or found.get("settings") != self._settings:
+            before = found.get("settings", {}) if isinstance(found, dict) else {}
+            changes = changed_settings(before, self._settings)
+            if changes:
                 raise ConfigError(
-                    f"{out} holds a reproduction with other settings; choose a new folder"
+                    f"{out} holds a reproduction with other settings ({changes}); choose a new folder"
                 )
             self.steps = found["steps"]
 
