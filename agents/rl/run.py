@@ -162,8 +162,9 @@ def _refuse_other_run(config: RunConfig, out: Path) -> None:
         ConfigError: If it does.
     """
     if (out / CONFIG).exists():
-        before, now = to_dict(read_run(type(config), out)), to_dict(config)
-        changes = changed_settings(before, now | {name: before[name] for name in _MAY_CHANGE})
+        before = to_dict(read_run(type(config), out))
+        kept = {name: value for name, value in before.items() if name in _MAY_CHANGE}
+        changes = changed_settings(before, to_dict(config) | kept)
         if changes:
             raise ConfigError(
                 f"{out} holds a run with other settings ({changes}); choose another folder"
