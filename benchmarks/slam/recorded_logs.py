@@ -41,6 +41,8 @@ FEWER_BEAMS = (2, 4)
 """Of so many beams one is kept."""
 WRONG_TURNS = (0.9, 1.1)
 """Factors of the odometry's turns."""
+MORE_NOISE = 0.001
+"""Standard deviation of noise that no mapper should feel [m]: whatever it changes is chance."""
 COLUMNS = (
     "log", "mode", "relations [m]", "worst [m]", "revisits [m]", "rotation [deg]", "revisit [m]",
     "worst revisit [m]", "disturbed revisit [m]", "from reference [m]", "doubts", "ms per scan",
@@ -254,6 +256,18 @@ def variants(log: Log) -> Iterator[tuple[str, Log]]:
         yield f"1 of {every} beams", with_fewer_beams(log, every)
     for factor in WRONG_TURNS:
         yield f"turns x {factor:g}", with_turns(log, factor)
+
+
+def with_noise(log: Log, seed: int) -> Log:
+    """The log with ``MORE_NOISE`` in its ranges, another for each seed; as it is for seed 0."""
+    if seed == 0:
+        return log
+    rng = np.random.default_rng(seed)
+    ranges = []
+    for record in log:
+        noise = rng.normal(0.0, MORE_NOISE, len(record.scan.ranges))
+        ranges.append((record.scan.ranges + noise).astype(np.float32))
+    return with_scans(log, ranges, log.geometry)
 
 
 def with_range(log: Log, limit: float) -> Log:

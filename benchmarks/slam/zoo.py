@@ -6,12 +6,14 @@ A cell is a robot in a kind of place (``zoo_robots.py``): ten lasers by homes, f
 halls and a lab full of clutter, in buildings that no constant was chosen on. The robot explores with a known pose, so
 every mode is fed the same drives; they are simulated once and kept in a cache, whatever interrupts it. ``--sweep off``
 takes all beams of a scan at once. ``--logs`` names a folder of recorded logs, which are mapped as they are and with a
-shorter laser, fewer beams and turns of the odometry that are wrong by a tenth.
+shorter laser, fewer beams and turns of the odometry that are wrong by a tenth; ``--noises 3`` maps each once as it is
+and twice with a millimetre of noise in its ranges, as a laser of few beams is a matter of chance.
 
 *start*: RMSE of the final path at all scans against the truth, from the true start [m]; *aligned*: the same after rigid
 alignment. The worst of a cell's drives counts. *says*: what the mapper says of its map, the worst of them. *ms*: median
 CPU time per processed scan. Of logs *error* is the mean error of their relations [m]; or the RMSE after alignment to
-their reference path, or, where they have none, to the mode's own path on the whole log. *walls*: largest difference of
+their reference path, or, where they have none, to the mode's own path on the whole log; the median of the noises, with
+the *worst* beside it. *walls*: largest difference of
 the main direction of the walls, modulo 90 degrees, among six equal parts of a log.
 
 ``--modes karto`` needs ``pip install yag-slam``. A run of some modes leaves the columns of the others in the results
@@ -51,7 +53,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from drives import Drive, kept_drive
 from karto import karto_path
 from map_log import map_log
-from recorded_logs import read_judged_log, variants
+from recorded_logs import JudgedLog, read_judged_log, variants, with_noise
 from report import RESULTS, print_and_save, print_table
 from zoo_robots import FIRST_SEED, PLACES, ROBOTS
 
@@ -85,12 +87,15 @@ def main() -> None:
     parser.add_argument("--sweep", choices=["on", "off"], default="on")
     parser.add_argument("--minutes", type=float, default=7.0, help="longest drive")
     parser.add_argument("--logs", type=Path, help="folder of NAME.log.gz, with .relations or .corr")
+    parser.add_argument("--noises", type=int, default=1, help="runs of each variant of a log")
     parser.add_argument("--pictures", type=Path, help="folder for a picture of every map")
     parser.add_argument("--workers", type=int, default=1, help="processes")
     parser.add_argument("--cache", type=Path, default=Path("build/zoo"), help="folder of drives")
     arguments = parser.parse_args()
     if arguments.drives < 1:
         parser.error("--drives must be at least 1")
+    if arguments.noises < 1:
+        parser.error("--noises must be at least 1")
     if arguments.logs is not None and not any(arguments.logs.glob("*.log.gz")):
         parser.error(f"--logs {arguments.logs}: there is no NAME.log.gz in it")
     with ProcessPoolExecutor(arguments.workers) as pool:
@@ -276,20 +281,37 @@ def log_rows(task: tuple[argparse.Namespace, Path]) -> Rows:
     for variant, log in variants(judged.log):
         row: dict[str, Any] = {"log": name, "variant": variant, "against": judged.kind}
         for mode in arguments.modes:
-            result = mapped(log, mode)
-            error = judged.error(result.scans, result.moments, own.get(mode))
-            own.setdefault(mode, result.scans)
-            row[f"{mode} error [m]"] = error and round(error, 3)
-            row[f"{mode} walls [deg]"] = round(walls_turn(log, result.scans), 1)
-            if mode != KARTO:
-                row[f"{mode} says"] = result.verdict
-            row[f"{mode} [ms]"] = round(result.milliseconds, 2)
+            results = [mapped(with_noise(log, seed), mode) for seed in range(arguments.noises)]
+            whole = own.get(mode)
+            own.setdefault(mode, results[0].scans)
+            row |= log_figures(judged, log, mode, results, whole)
             if arguments.pictures is not None:
                 file = f"{name}-{variant.replace(' ', '_')}-{mode}.png"
-                draw(arguments.pictures / file, log, result.scans)
+                draw(arguments.pictures / file, log, results[0].scans)
         say(str(row))
         rows.append(row)
     return rows
+
+
+def log_figures(
+    judged: JudgedLog, log: Log, mode: str, results: list[Mapped], whole: Trajectory | None
+) -> dict[str, Any]:
+    """Median, worst error and worst verdict of a mode's results on a variant of a log."""
+    found = [judged.error(result.scans, result.moments, whole) for result in results]
+    errors = [error for error in found if error is not None]
+    walls = statistics.median(walls_turn(log, result.scans) for result in results)
+    each = statistics.median(result.milliseconds for result in results)
+    row: dict[str, Any] = {
+        f"{mode} error [m]": round(statistics.median(errors), 3) if errors else None,
+        f"{mode} walls [deg]": round(walls, 1),
+        f"{mode} [ms]": round(each, 2),
+    }
+    if len(results) > 1:
+        row[f"{mode} worst [m]"] = round(max(errors), 3) if errors else None
+    if mode != KARTO:
+        verdicts = [result.verdict for result in results]
+        row[f"{mode} says"] = max(verdicts, key=VERDICTS.index)
+    return row
 
 
 def walls_turn(log: Log, scans: Trajectory) -> float:

@@ -5,15 +5,22 @@ import math
 import numpy as np
 
 from slamgym.core.jit import kernel
-from slamgym.core.types import Float32Array, FloatArray
+from slamgym.core.types import BoolArray, Float32Array, FloatArray
 from slamgym.slam.hit_count_kernels import BeamTable
 
 NORMAL_POINTS = 3
 """A surface normal comes from up to so many points on either side."""
 NORMAL_GAP = 0.2
-"""Points of one surface are each nearer to the next than this [m]."""
+"""Points of one surface are each nearer to the next than this [m], or than ``OBLIQUE_GAP``."""
+OBLIQUE_GAP = 2.0
+"""Points of one surface are at most so many times as far apart as the beams are at their distance: the surface is seen
+at up to 60 degrees."""
 NORMAL_THICKNESS = 0.03
 """A surface has a normal if the standard deviation of its points from a line is no more than this [m]."""
+NEXT_BEAM = 1.5
+"""Beams so many times as far apart as neighbours, or less, are neighbours: a beam between them would make it 2."""
+BENT_SINE = 0.2
+"""A surface goes on to the next beam's point if the way there leaves the surface at neither by more (a sine)."""
 
 
 @kernel
@@ -51,19 +58,23 @@ def usable_end_points(ranges: Float32Array, beams: BeamTable, longest: float) ->
 
 
 @kernel
-def surface_normals(points: FloatArray) -> FloatArray:
-    """Unit normals (n, 2) of the surface at end points (n, 2) in the order of the beams, from the points next to each.
+def surface_normals(points: FloatArray, limits: FloatArray) -> FloatArray:
+    """Unit normals (n, 2) of the surface at end points in the order of the beams, from the points next to each.
 
     They are zero where the surface isn't straight.
+
+    Args:
+        points: (n, 2) [m].
+        limits: (n,) how far the points of one surface are from the next at most, where each point is [m].
     """
     normals = np.zeros(points.shape)
     for i in range(len(points)):
         first = i
         last = i
         for _ in range(NORMAL_POINTS):
-            if first > 0 and _gap(points, first - 1) < NORMAL_GAP:
+            if first > 0 and _gap(points, first - 1) < limits[i]:
                 first -= 1
-            if last < len(points) - 1 and _gap(points, last) < NORMAL_GAP:
+            if last < len(points) - 1 and _gap(points, last) < limits[i]:
                 last += 1
         count = last - first + 1
         if count < 3:
@@ -78,6 +89,41 @@ def surface_normals(points: FloatArray) -> FloatArray:
             normals[i, 0] = math.cos(angle)
             normals[i, 1] = math.sin(angle)
     return normals
+
+
+@kernel
+def surfaces_going_on(
+    points: FloatArray, normals: FloatArray, mount: FloatArray, spacing: float
+) -> BoolArray:
+    """Whether the straight surface at each point (n,) goes on to the point of the next beam.
+
+    Args:
+        points: (n, 2) in the order of the beams [m].
+        normals: (n, 2), zero where no surface is known.
+        mount: (2,) where the laser is [m].
+        spacing: How far its beams are apart at a distance of 1 m [m].
+    """
+    surface_goes_on = np.zeros(len(points), dtype=np.bool_)
+    for i in range(len(points) - 1):
+        is_straight = normals[i].any() and normals[i + 1].any()
+        if not is_straight or _between_beams(points, mount, i) >= NEXT_BEAM * spacing:
+            continue
+        x = points[i + 1, 0] - points[i, 0]
+        y = points[i + 1, 1] - points[i, 1]
+        here = abs(x * normals[i, 0] + y * normals[i, 1])
+        there = abs(x * normals[i + 1, 0] + y * normals[i + 1, 1])
+        surface_goes_on[i] = max(here, there) < BENT_SINE * math.hypot(x, y)
+    return surface_goes_on
+
+
+@kernel
+def _between_beams(points: FloatArray, mount: FloatArray, i: int) -> float:
+    """How far the beams to a point and to the next are apart at a distance of 1 m [m]."""
+    x, y = points[i] - mount
+    next_x, next_y = points[i + 1] - mount
+    near = math.hypot(x, y) + 1e-9
+    far = math.hypot(next_x, next_y) + 1e-9
+    return math.hypot(next_x / far - x / near, next_y / far - y / near)
 
 
 @kernel

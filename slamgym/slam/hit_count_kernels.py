@@ -39,6 +39,12 @@ class BeamTable(NamedTuple):
     no_return_clears: bool  # whether beams without return clear
     widest_gap: int  # beams; a wider gap without return at the end of a scan is open space
 
+    @property
+    def spacing(self) -> float:
+        """How far neighbouring beams are apart at a distance of 1 m [m]; 0 for a single beam."""
+        ahead = self.directions[:2]
+        return math.dist(ahead[0].tolist(), ahead[-1].tolist())
+
     @staticmethod
     def of(geometry: LaserGeometry, config: SlamConfig) -> "BeamTable":
         """The table of a scanner."""

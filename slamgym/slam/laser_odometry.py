@@ -133,7 +133,7 @@ class RecentScans:
             is_near = (scan.ranges >= beams.range_min) & (scan.ranges <= TRACKED_RANGE)
             points = placed_returns(scan, motion)[is_near & (scan.ranges < beams.range_max)]
         stride = max(1, len(points) // MOST_POINTS)
-        return oriented(np.ascontiguousarray(points[::stride]), beams.mount)
+        return oriented(points[::stride], beams.mount, stride * beams.spacing)
 
     def align(
         self, seen: OrientedPoints, start: FloatArray, prior: FloatArray, known: FloatArray

@@ -176,6 +176,16 @@ def test_a_surprising_closure_needs_another_that_says_the_same():
     assert closed(NICHE, 40.0, surprising, (before,)) is None
 
 
+def test_a_closure_that_surprises_more_needs_others_at_several_places():
+    """0.9 m are 5 standard deviations of the path, the search's own window included."""
+    surprising = 0.1
+    before = Match(0, 14, np.array([3.5 - 0.9, 0.0, 0.0]), np.eye(3))
+    again = Match(0, 15, np.array([3.75 - 0.9, 0.0, 0.0]), np.eye(3))
+    further = Match(4, 15, np.array([2.75 - 0.9, 0.0, 0.0]), np.eye(3))
+    assert closed(NICHE, 7.0, surprising, (before, again)) is None
+    assert closed(NICHE, 7.0, surprising, (before, further)) is not None
+
+
 @given(numbers, numbers, numbers, st.floats(0.1, 5.0), st.floats(-3.0, 3.0))
 def test_closures_agree_if_they_move_the_path_alike(old, new, correction, apart, turn):
     """Whatever the correction, and wherever the frames are: the way between two closures stays as it was."""

@@ -49,8 +49,12 @@ def true_path(rounds=2, step=0.2, turn=0.2):
 
 @pytest.fixture(scope="module")
 def drive():
+    return noisy_drive(0)
+
+
+def noisy_drive(seed: int) -> tuple[Log, Trajectory]:
     """A log with biased, noisy odometry and noisy ranges, and the truth."""
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(seed)
     truth, records = true_path(), []
     odometry = Pose2D(0.0, 0.0, 0.0)
     for k, pose in enumerate(truth):
@@ -220,10 +224,16 @@ def lying(log: Log, kind: str) -> Log:
 
 
 @pytest.mark.parametrize("kind", ["scale", "slip", "lost", "reset"])
-def test_odometry_that_lies_for_a_while_is_survived(drive, kind: str):
-    log, truth = drive
-    result = run(lying(log, kind), mode="pose_graph")
-    assert absolute_trajectory_error(result.trajectory, truth).translation.rmse < 0.03
+def test_odometry_that_lies_for_a_while_is_survived(kind: str):
+    """In the middle one of three drives: one in twenty slides along its corridor, and says that it is broken."""
+    errors = []
+    for seed in range(3):
+        log, truth = noisy_drive(seed)
+        result = run(lying(log, kind), mode="pose_graph")
+        error = absolute_trajectory_error(result.trajectory, truth).translation.rmse
+        errors.append(error)
+        assert error < 0.03 or result.stats.broken
+    assert np.median(errors) < 0.015
     assert result.stats.spans() == []
 
 

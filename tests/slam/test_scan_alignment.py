@@ -9,10 +9,17 @@ from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from slamgym.sim.raycast import cast_rays
 from slamgym.slam.branch_and_bound import block_score, maxima, search_blocks, turned_cells
 from slamgym.slam.config import SlamConfig
-from slamgym.slam.end_points import surface_normals
+from slamgym.slam.end_points import NORMAL_GAP, surface_normals
 from slamgym.slam.graph.alignment import FACES, AlignmentTarget
 from slamgym.slam.graph.matching import SearchWindow, score_levels
-from slamgym.slam.graph.submaps import SUBMAP_CELL, Submap, known_submap, known_surfaces, oriented
+from slamgym.slam.graph.submaps import (
+    HAS_NORMAL,
+    SUBMAP_CELL,
+    Submap,
+    known_submap,
+    known_surfaces,
+    oriented,
+)
 from slamgym.slam.hill_climbing import match_particles
 from slamgym.slam.particle_filter import match_settings
 from slamgym.slam.particles import ParticleMaps
@@ -234,11 +241,29 @@ def test_a_surface_has_a_normal_across_it_unless_its_points_stray(stray, is_wall
     points = np.column_stack([0.1 * np.arange(9), np.full(9, 2.0)])
     points[::2, 1] += stray
     points[1::2, 1] -= stray
-    inner = surface_normals(points)[3:-3]  # with three neighbours on both sides
+    near = np.full(len(points), NORMAL_GAP)
+    inner = surface_normals(points, near)[3:-3]  # with three neighbours on both sides
     if is_wall:
         assert np.abs(inner[:, 1]) == pytest.approx(np.ones(3), abs=0.02)
     else:
         assert not inner.any()
+
+
+def test_a_wall_seen_by_few_beams_has_lines_between_them_but_not_across_a_door():
+    step = np.radians(4.0)
+    beams = np.arange(-12, 13) * step
+    on_wall = 2.0 * np.column_stack([np.tan(beams), np.ones(len(beams))])
+    door = np.abs(on_wall[:, 0] - 0.1) < 0.45
+    seen = oriented(on_wall[~door], np.zeros(2), step)
+    submap = Submap(0, 5.0)
+    submap.add(np.zeros(3), seen)
+    lines = submap.lines().points
+    assert lines[:, 1] == pytest.approx(2.0)
+    assert np.diff(np.sort(lines[lines[:, 0] > 0.6, 0])).max() < 2.0 * SUBMAP_CELL
+    assert not (np.abs(lines[:, 0] - 0.1) < 0.4).any()
+    alone = Submap(0, 5.0)
+    alone.add(np.zeros(3), seen._replace(sides=np.minimum(seen.sides, HAS_NORMAL)))
+    assert len(alone.lines().points) < 0.5 * len(lines)
 
 
 # --- the particle filter's matcher

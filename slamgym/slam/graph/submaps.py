@@ -25,7 +25,13 @@ from slamgym.core.types import (
     OccupancyGrid,
     Pose2D,
 )
-from slamgym.slam.end_points import surface_normals, usable_end_points
+from slamgym.slam.end_points import (
+    NORMAL_GAP,
+    OBLIQUE_GAP,
+    surface_normals,
+    surfaces_going_on,
+    usable_end_points,
+)
 from slamgym.slam.graph.relative import seen_from
 from slamgym.slam.hit_count_kernels import BeamTable
 
@@ -47,6 +53,10 @@ NO_LINE = 0.0
 """State of a piece through which no line fits."""
 LINE = 1.0
 """State of a piece with a line."""
+HAS_NORMAL = 1.0
+"""A point has a normal: its surface is straight."""
+JOINED = 2.0
+"""A point has a normal, and its surface goes on to the next beam's point."""
 POINT_SUMS = ("count", "x", "y", "xx", "xy", "yy", "side_x", "side_y")
 """Sums over a piece's points, in the submap's frame, and over their sides."""
 LINE_FIELDS = ("own_x", "own_y", "mean_x", "mean_y", "normal_x", "normal_y", "variance", "state")
@@ -61,8 +71,8 @@ class OrientedPoints(NamedTuple):
 
     points: FloatArray  # (n, 2) [m]
     sides: FloatArray
-    """(n, 3) unit vectors to the side that they were seen from, and 1 where that is the surface's normal, 0 where the
-    scan shows no straight surface and it is the direction to the laser."""
+    """(n, 3) unit vectors to the side that they were seen from, and :data:`HAS_NORMAL` where that is the surface's
+    normal, or :data:`JOINED`; 0 where the scan shows no straight surface and it is the direction to the laser."""
 
     @staticmethod
     def joined(parts: Sequence["OrientedPoints"]) -> "OrientedPoints":
@@ -121,14 +131,15 @@ class Submap:
 
     def add(self, pose: FloatArray, seen: OrientedPoints) -> None:
         """Draw a scan, in the frame of a robot at a pose (3,) in the submap's."""
+        points, sides = between_beams(*seen)
         capacity = len(self.pieces)
-        count = len(seen.points)
+        count = len(points)
         if self._used + count > capacity:
             more = np.zeros(capacity + count, dtype=PIECE)
             self.pieces = np.concatenate([self.pieces, more])
         self.poses.append(pose)
         self._lines = None
-        self._used = add_scan(self.grid, self.pieces, self._used, self.corner, pose, *seen)
+        self._used = add_scan(self.grid, self.pieces, self._used, self.corner, pose, points, sides)
 
     def clear(self) -> None:
         """Forget the scans."""
@@ -176,6 +187,34 @@ class Submap:
             normals[facing < 0.0, :2] *= -1.0
             self._lines = OrientedPoints(means[has_line], normals)
         return self._lines
+
+
+@kernel
+def between_beams(points: FloatArray, sides: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """A scan's points and sides, and more where beams are further apart than cells on a straight surface.
+
+    A laser of few beams leaves most cells of a wall empty: with a quarter of its beams and a millimetre of noise the
+    path through ACES is 4.2 m off without these points, through CSAIL 0.74, the lab 0.71 (one noise); with them 0.24,
+    0.20, 0.25 (medians of three). With all beams, and in homes, they change nothing.
+    """
+    count = len(points)
+    more = np.zeros(count, dtype=np.int64)
+    for i in range(count - 1):
+        if sides[i, 2] == JOINED:
+            gap = math.hypot(points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1])
+            more[i] = math.floor(gap / SUBMAP_CELL)
+    all_points = np.empty((count + more.sum(), 2))
+    all_sides = np.empty((count + more.sum(), 3))
+    k = 0
+    for i in range(count):
+        for j in range(more[i] + 1):
+            share = j / (more[i] + 1)
+            all_points[k] = points[i]
+            if j > 0:
+                all_points[k] += share * (points[i + 1] - points[i])
+            all_sides[k] = sides[i]
+            k += 1
+    return all_points, all_sides
 
 
 @kernel
@@ -299,23 +338,33 @@ def _fit_line(grid: np.ndarray, pieces: np.ndarray, number: int, row: int, col: 
 
 def oriented_scan(ranges: Float32Array, beams: BeamTable, longest: float) -> OrientedPoints:
     """End points of the beams of a scan (num_beams,) [m] that can be matched, and are no longer [m]."""
-    return oriented(usable_end_points(ranges, plain(beams), longest), beams.mount)
+    points = usable_end_points(ranges, plain(beams), longest)
+    return oriented(points, beams.mount, beams.spacing)
 
 
-def oriented(points: FloatArray, mount: FloatArray) -> OrientedPoints:
-    """End points (n, 2) in the order of the beams with their sides, seen from the laser (2,)."""
+def oriented(points: FloatArray, mount: FloatArray, spacing: float = 0.0) -> OrientedPoints:
+    """End points with their sides.
+
+    Args:
+        points: (n, 2) in the order of the beams [m].
+        mount: (2,) the laser that saw them [m].
+        spacing: How far its beams are apart at a distance of 1 m [m].
+    """
+    points = np.ascontiguousarray(points)
     sides = np.zeros((len(points), 3))
     to_laser = sides[:, :2]
     to_laser[:] = mount - points
     distances = np.hypot(sides[:, 0], sides[:, 1])
     to_laser /= distances[:, None] + 1e-9
-    normals = surface_normals(np.ascontiguousarray(points))
+    limits = np.maximum(NORMAL_GAP, OBLIQUE_GAP * spacing * distances)
+    normals = surface_normals(points, limits)
     # The side of a surface is told by its normal: past a thin wall's end both faces are seen from the same direction.
     is_away = (to_laser * normals).sum(axis=1) < 0.0
     normals[is_away] *= -1.0
     shown = normals.any(axis=1)
     sides[shown, :2] = normals[shown]
-    sides[shown, 2] = 1.0
+    sides[shown, 2] = HAS_NORMAL
+    sides[surfaces_going_on(points, normals, mount, spacing), 2] = JOINED
     return OrientedPoints(points, sides)
 
 
