@@ -162,7 +162,9 @@ class GridFrame(NamedTuple):
 
     def to_points(self, row: Any, col: Any) -> FloatArray:
         """Convert arrays of cells, of any shape (...), to the points of their centres, shape (..., 2) [m]."""
-        return np.stack(self.to_point(row, col), axis=-1)
+        points = np.empty((*np.shape(row), 2))
+        points[..., 0], points[..., 1] = self.to_point(row, col)
+        return points
 
     @staticmethod
     def covering(

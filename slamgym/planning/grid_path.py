@@ -227,6 +227,19 @@ class PathLengths:
             Shape (N + 1, N + 1) [m], the robot first; inf between places that no path joins.
         """
         points = np.vstack([pose[:2], places])
+        cells = paths.places(points)
+        if len(points) <= 1 + NEAR_PLACES:  # all are searched anew
+            lengths = np.full((len(points), len(points)), math.inf)
+            paths.search_anew(lengths, cells, np.arange(len(points)))
+            self._places = places
+        else:
+            lengths = self._search_some(paths, points, cells)
+        self._lengths = lengths[1:, 1:]
+        lengths[0, 1:] += per_turn * straight_turns(pose, places)
+        return lengths
+
+    def _search_some(self, paths: CoarsePaths, points: FloatArray, cells: IntArray) -> FloatArray:
+        """Lengths between points, shape (N, N) [m], of which those far from the first are kept."""
         num_old = len(self._places)
         known = np.vstack([self._places, points])
         apart = points[:, None] - known[None]
@@ -236,15 +249,12 @@ class PathLengths:
         num_new = len(points)
         padded = np.pad(self._lengths, (0, num_new), constant_values=math.inf)
         lengths = padded[np.ix_(same, same)]
-        cells = paths.places(points)
         from_robot = paths.lengths_from(int(cells[0]), cells)
         nearest_first = np.argsort(from_robot, kind="stable")
         new = np.flatnonzero(same >= num_old)
         anew = np.union1d(nearest_first[: 1 + NEAR_PLACES], new)
         paths.search_anew(lengths, cells, anew)
         self._places = known[same[1:]]
-        self._lengths = lengths[1:, 1:]
-        lengths[0, 1:] += per_turn * straight_turns(pose, places)
         return lengths
 
 
