@@ -29,7 +29,7 @@ from slamgym.core.errors import InputFileError
 from slamgym.core.files import require_file, write_bytes, write_text
 from slamgym.core.limits import WEIGHT_BYTES
 from slamgym.core.provenance import check_origin
-from slamgym.core.types import Float32Array, Observation, Pose2D, Twist2D
+from slamgym.core.types import Float32Array
 from slamgym.envs.frontier_features import (
     CANDIDATE_FEATURES,
     FEATURE_VERSION,
@@ -40,7 +40,6 @@ from slamgym.envs.frontier_features import (
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
 from slamgym.planning.promise import Promise
-from slamgym.planning.view_history import ViewHistory
 
 FRONTIER_POLICY = Path(__file__).parent / "pretrained" / "frontier_policy.safetensors"
 """The policy that comes with the package."""
@@ -100,18 +99,12 @@ class LearnedPilot(FrontierPilot):
     ) -> None:
         super().__init__(context, config, self._scores)
         self._scorer = scorer
-        self._views = ViewHistory(context)
         self._features = FrontierFeatures(config.max_candidates)
         self._listens = config.promise == Promise()
 
-    def act(self, observation: Observation) -> Twist2D:
-        """Velocity for the next control step; see :meth:`Pilot.act`."""
-        self._views.note(Pose2D(*observation["pose"].tolist()), observation["scan"])
-        return super().act(observation)
-
     def _scores(self, loop: ExplorationLoop) -> Float32Array:
         """Scores of the candidates, shape (N,); all -inf at the end."""
-        decision = self._scorer.decide(self._features.observe(loop, self._views))
+        decision = self._scorer.decide(self._features.observe(loop))
         if self._listens and loop.may_stop and decision.done > 0.0:
             return np.full(len(loop.candidates), -np.inf, np.float32)
         return decision.scores

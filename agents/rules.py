@@ -186,7 +186,7 @@ def tour_scores(loop: ExplorationLoop, wanted: BoolArray) -> FloatArray:
     """
     visited = wanted | ~wanted.any()
     scores: FloatArray = np.full(len(wanted), -np.inf)
-    if len(loop.mates) > 0:
+    if len(loop.belief.mates) > 0:
         scores[visited] = shared_out(path_lengths(loop)[visited], mate_lengths(loop)[:, visited])
         return scores
     stops = np.flatnonzero(np.append(True, visited))  # the robot, and the candidates after it
@@ -215,12 +215,12 @@ def mate_lengths(loop: ExplorationLoop) -> FloatArray:
     """
     costmap = loop.navigator.costmap
     space = loop.navigator.reachable
-    lengths: FloatArray = np.full((len(loop.mates), len(loop.candidates)), np.inf)
+    lengths: FloatArray = np.full((len(loop.belief.mates), len(loop.candidates)), np.inf)
     is_met = reached_mates(loop)
     if costmap is not None and space is not None and is_met.any():
         paths = CoarsePaths(costmap, space)
         places = paths.places(candidate_places(loop))
-        stands = paths.places(loop.mates[is_met, :2])
+        stands = paths.places(loop.belief.mates[is_met, :2])
         lengths[is_met] = [paths.lengths_from(cell, places) for cell in stands.tolist()]
     return lengths
 
@@ -229,12 +229,12 @@ def reached_mates(loop: ExplorationLoop) -> BoolArray:
     """Which of the robots that are heard stand within :data:`BESIDE_MATE` of where this one can get to, shape (K,)."""
     costmap = loop.navigator.costmap
     space = loop.navigator.reachable
-    is_met = np.zeros(len(loop.mates), np.bool_)
+    is_met = np.zeros(len(loop.belief.mates), np.bool_)
     if costmap is None or space is None:
         return is_met
     is_open = space.mask.reshape(costmap.costs.shape)
     reach = round(BESIDE_MATE / costmap.frame.resolution)
-    rows, cols = costmap.frame.to_cell(*loop.mates[:, :2].T)
+    rows, cols = costmap.frame.to_cell(*loop.belief.mates[:, :2].T)
     for mate, (row, col) in enumerate(zip(rows.tolist(), cols.tolist(), strict=True)):
         top, left = max(row - reach, 0), max(col - reach, 0)
         is_met[mate] = is_open[top : max(row + reach + 1, 0), left : max(col + reach + 1, 0)].any()

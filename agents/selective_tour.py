@@ -17,12 +17,11 @@ from slamgym.agents.hidden_floor import AREAS, HIDDEN_FLOOR, HiddenFloor, moment
 from slamgym.agents.pretrained_policy import fingerprint_of
 from slamgym.agents.rules import TOUR_LOOP, reached_mates, tour_scores
 from slamgym.core.config import config_hash
-from slamgym.core.types import BoolArray, FloatArray, Observation, Pose2D, Twist2D
+from slamgym.core.types import BoolArray, FloatArray
 from slamgym.envs.frontier_table import FRONTIER_FIGURES, describe_frontiers
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
 from slamgym.planning.promise import Promise, is_kept
-from slamgym.planning.view_history import ViewHistory
 
 CALIBRATED = Promise()
 """What is promised by those who stop so."""
@@ -33,33 +32,23 @@ only what the map encloses is: a door to half a school of 3,980 m2, into a hall 
 like one that hides nothing."""
 
 
-class SelectivePilot(FrontierPilot):
-    """Drives one robot.
+class WorthwhileTour:
+    """The rule.
 
     Args:
-        context: What the environment says about the robot and its map.
-        config: How frontiers are offered and driven to, and what is promised.
         network: Says what frontiers hide.
+        promise: What is promised.
     """
 
-    def __init__(
-        self, context: ExplorerContext, config: ExplorationLoopConfig, network: HiddenFloor
-    ) -> None:
-        super().__init__(context, config, self._scores)
+    def __init__(self, network: HiddenFloor, promise: Promise | None) -> None:
         self._network = network
-        self._views = ViewHistory(context)
-        self._promise = config.promise or CALIBRATED
-        self._may_stop = config.promise == CALIBRATED
+        self._promise = promise or CALIBRATED
+        self._may_stop = promise == CALIBRATED
 
-    def act(self, observation: Observation) -> Twist2D:
-        """Velocity for the next control step; see :meth:`Pilot.act`."""
-        self._views.note(Pose2D(*observation["pose"].tolist()), observation["scan"])
-        return super().act(observation)
-
-    def _scores(self, loop: ExplorationLoop) -> FloatArray:
+    def __call__(self, loop: ExplorationLoop) -> FloatArray:
         """Ranks in the tour through what is worth a visit, negative, shape (N,); all -inf at the end."""
         left = self._left(loop)
-        figures = describe_frontiers(loop, self._views, loop.wanted)
+        figures = describe_frontiers(loop, loop.wanted)
         chances = self._network.chances(figures)
         hidden = moments(chances, left)
         worth = self._worth_a_visit(hidden, left)
@@ -123,5 +112,6 @@ class SelectiveTour(BatchedExplorer):
         loop = config or TOUR_LOOP
         read = HiddenFloor.read(network)
         fingerprint = f"{fingerprint_of(read.weights)}-{read.risk:g}-{config_hash(loop)}"
-        super().__init__(context, fingerprint, lambda _: SelectivePilot(context, loop, read))
+        rule = WorthwhileTour(read, loop.promise)
+        super().__init__(context, fingerprint, lambda _: FrontierPilot(context, loop, rule))
         self.config = loop

@@ -25,7 +25,6 @@ from slamgym.envs.coverage import CELL
 from slamgym.envs.episode import explored_env, fitted_env
 from slamgym.envs.frontier_table import describe_frontiers
 from slamgym.planning.exploration_loop import ExplorationLoop
-from slamgym.planning.view_history import ViewHistory
 from slamgym.sim import ClutterConfig
 
 FLOOR_REACH = 0.25
@@ -100,20 +99,16 @@ def log_exploration(plan: FloorPlan, rng: np.random.Generator) -> dict[str, Any]
     observation, _ = env.reset(seed=exploration_seed(7, plan.id, 0))
     context = env.explorer_context()
     loop = ExplorationLoop(context)
-    views = ViewHistory(context)
     least = rng.choice(DROPPED_BELOW)
     at_random = rng.choice(AT_RANDOM) * min(1.0, 100.0 / plan.area)
     found: list[tuple[Any, ...]] = []
     truncated = False
     while not (truncated or loop.finished or loop.time > LONGEST_EXPLORATION):
         is_due = loop.observe(observation)
-        views.note(loop.pose, observation["scan"])
         while is_due:
             areas = hidden_areas(env, loop)
             if loop.wanted and rng.random() < (0.8 if env.coverage.share > 0.9 else 0.35):
-                found.append(
-                    (describe_frontiers(loop, views, loop.wanted), areas.astype(np.float32))
-                )
+                found.append((describe_frontiers(loop, loop.wanted), areas.astype(np.float32)))
             # Frontiers share no cell, so the middle of each is its own.
             hides = {one.middle: area for one, area in zip(loop.wanted, areas, strict=True)}
             kept = np.array([hides[one.frontier.middle] >= least for one in loop.candidates])

@@ -20,7 +20,6 @@ from slamgym.envs.path_drive import STRIDE, stride
 from slamgym.envs.plan_cache import PlanCache, PlansArgument
 from slamgym.envs.rewards import FRONTIER_REWARD, RewardTerms
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
-from slamgym.planning.view_history import ViewHistory
 
 DRIVES = ("physics", "path")
 """How the robot gets to the frontier that is chosen."""
@@ -95,7 +94,6 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
 
     Attributes:
         order: Which of the loop's candidates each row holds.
-        views: Scans of this exploration.
 
     Raises:
         ConfigError: If a setting is unknown or makes no sense.
@@ -167,8 +165,7 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         observation, info = self.inner.reset(seed=seed, options=options)
         self._loop = ExplorationLoop(self._context, self.loop_config)
         self._features = FrontierFeatures(self.loop_config.max_candidates)
-        self.views = ViewHistory(self._context)
-        is_due = self._take(observation)
+        is_due = self._loop.observe(observation)
         _, self._truncated, info = self._drive(is_due, info)
         return self._observe(info, duration=0.0)
 
@@ -255,7 +252,7 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
             observation, reward, terminated, truncated, info = self._advance(loop)
             total += weight * reward
             _add(terms, info["reward_terms"], weight)
-            is_due = self._take(observation)
+            is_due = loop.observe(observation)
         if self._is_sketched:  # whose info is made once
             info = {**self.inner.info(), "is_success": terminated}
         if loop.finished and not terminated:
@@ -277,14 +274,9 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         ends = bool(outcome.terminations[0]), bool(outcome.truncations[0])
         return observation, float(outcome.rewards[0]), *ends, {"reward_terms": terms}
 
-    def _take(self, observation: Observation) -> bool:
-        """Hand an observation on; returns whether a decision is due."""
-        self.views.note(Pose2D(*observation["pose"].tolist()), observation["scan"])
-        return self.loop.observe(observation)
-
     def _observe(self, info: dict[str, Any], duration: float) -> tuple[Observation, dict[str, Any]]:
         self.order = self.np_random.permutation(len(self.loop.candidates)).tolist()
-        observation = self._features.observe(self.loop, self.views, self.order)
+        observation = self._features.observe(self.loop, self.order)
         figures = {**info, "duration": duration, "time": self.loop.time}
         self._info = StepInfo(figures, self.inner.map_error)
         return observation, self._info

@@ -28,7 +28,6 @@ from slamgym.planning.frontier_candidates import FrontierCandidate
 from slamgym.planning.frontiers import fits_through
 from slamgym.planning.grid_path import CoarsePaths, PathLengths
 from slamgym.planning.open_tour import lengths_by_first, open_tour
-from slamgym.planning.view_history import ViewHistory
 
 FEATURE_VERSION = 4
 """Raised whenever a feature changes its meaning: weights trained on another version are refused."""
@@ -90,14 +89,11 @@ class FrontierFeatures:
         self._history: deque[tuple[float, float]] = deque([(0.0, 0.0)])
         self._grown_at = 0.0
 
-    def observe(
-        self, loop: ExplorationLoop, views: ViewHistory, order: Sequence[int] | None = None
-    ) -> Observation:
+    def observe(self, loop: ExplorationLoop, order: Sequence[int] | None = None) -> Observation:
         """The observation at a decision.
 
         Args:
             loop: The exploration.
-            views: Its scans.
             order: Which candidate each row holds; by default they keep their order, the shortest path first.
         """
         observation = {name: np.zeros(shape, np.float32) for name, shape in self._shapes.items()}
@@ -107,7 +103,7 @@ class FrontierFeatures:
         unseen_share = 1.0
         if loop.candidates:
             rows = np.array(range(len(loop.candidates)) if order is None else order, np.int64)
-            table, unseen_share, lengths = _measure(loop, views, costmap)
+            table, unseen_share, lengths = _measure(loop, costmap)
             count = len(rows)
             observation["frontiers"][:count] = np.clip(table[rows], -LIMIT, LIMIT)
             places = np.append(0, 1 + rows)
@@ -159,12 +155,10 @@ def _known_size(costmap: Costmap) -> tuple[float, float]:
     return max(0.1, height * resolution - 1.0), max(0.1, width * resolution - 1.0)
 
 
-def _measure(
-    loop: ExplorationLoop, views: ViewHistory, costmap: Costmap
-) -> tuple[FloatArray, float, FloatArray]:
+def _measure(loop: ExplorationLoop, costmap: Costmap) -> tuple[FloatArray, float, FloatArray]:
     """Features of the candidates (N, features), expected unseen share, and path lengths (N + 1, N + 1) [m]."""
     candidates = loop.candidates
-    figures = describe_frontiers(loop, views, [one.frontier for one in candidates])
+    figures = describe_frontiers(loop, [one.frontier for one in candidates])
     lengths = candidate_tour_lengths(loop, loop.navigator.lengths)
     ranks = np.argsort(open_tour(lengths))
     by_first = lengths_by_first(lengths)

@@ -15,7 +15,6 @@ from slamgym.planning.costmap import FARTHEST_WALL, LETHAL_COST, NO_INFORMATION,
 from slamgym.planning.exploration_loop import ExplorationLoop
 from slamgym.planning.frontier_candidates import Runs, unknown_regions
 from slamgym.planning.frontiers import Frontier, expected_gains
-from slamgym.planning.view_history import ViewHistory
 
 TIME_SCALE = 600.0
 """Robot times are divided by this [s]."""
@@ -66,9 +65,7 @@ FRONTIER_SCALES: Mapping[str, float] = {
 """What figures of a frontier are divided by, so that they are about 1: lengths [m], areas [m2] and counts."""
 
 
-def describe_frontiers(
-    loop: ExplorationLoop, views: ViewHistory, frontiers: Sequence[Frontier]
-) -> Float32Array:
+def describe_frontiers(loop: ExplorationLoop, frontiers: Sequence[Frontier]) -> Float32Array:
     """The :data:`FRONTIER_FIGURES` of some frontiers of an exploration with a map, at least one, (N, figures)."""
     costmap = loop.navigator.costmap
     assert costmap is not None
@@ -86,7 +83,7 @@ def describe_frontiers(
     figures["room"] = measures["room"]
     distances = np.array([one.min_distance for one in frontiers])
     figures["distance"] = np.minimum(distances, _FARTHEST) / DISTANCE_SCALE
-    beams = views.figures(points, runs.starts, outward_of(costmap, runs))
+    beams = loop.belief.views.figures(points, runs.starts, outward_of(costmap, runs))
     figures |= zip(_LOOKS, beams.T, strict=True)
     table = np.empty((len(frontiers), len(FRONTIER_FIGURES)), np.float32)
     for column, name in enumerate(FRONTIER_FIGURES):

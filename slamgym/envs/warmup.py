@@ -41,7 +41,6 @@ from slamgym.planning import ExplorerContext, Goal, Navigator, find_frontiers
 from slamgym.planning.frontier_feature_kernels import explore_unknown_regions
 from slamgym.planning.open_tour import lengths_by_first, open_tour, short_paths
 from slamgym.planning.unmapped import unmapped_points
-from slamgym.planning.view_history import ViewHistory
 from slamgym.sim import ClutterConfig
 from slamgym.sim.motion import settle
 from slamgym.sim.passages import next_clear
@@ -176,9 +175,6 @@ def _decide() -> None:
     # As the networks of explorers do.
     product(np.ones((1, 1), np.float32), np.ones((1, 1)))
     unmapped_points(env.loop.known_map(), np.zeros((1, 2)), 0.1)
-    views = ViewHistory(env.loop.context)
-    views.note(Pose2D(0.0, 0.0, 0.0), np.ones(_LASER.num_beams, np.float32))
-    views.figures(np.ones((1, 2)), np.array([0, 1]), np.ones((1, 2)))
     env.step(0)
 
 

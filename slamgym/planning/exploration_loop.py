@@ -10,7 +10,7 @@ from dataclasses import field
 from typing import Annotated
 
 from slamgym.core.config import Count, Positive, Settings, Within
-from slamgym.core.types import ByteArray, FloatArray, Observation, OccupancyGrid, Pose2D, Twist2D
+from slamgym.core.types import ByteArray, Observation, OccupancyGrid, Pose2D, Twist2D
 from slamgym.planning.blacklist import SAME_CENTROID, Blacklist
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.costmap import Costmap
@@ -69,6 +69,7 @@ class ExplorationLoop:
         num_frontiers: How many frontiers there were before the list was cut.
         wanted: The frontiers that are to be visited sooner or later, the candidates' among them.
         target: The frontier that the robot drives to, None if there is none.
+        belief: Pose, scans and map.
         growth: Of the map, and how many goals were reached.
     """
 
@@ -79,7 +80,7 @@ class ExplorationLoop:
         self.config = config or ExplorationLoopConfig()
         self.state = LoopState.SEARCHING
         self.num_frontiers = 0
-        self._belief = LoopBelief(context.frame)
+        self.belief = LoopBelief(context)
         self.growth = MapGrowth()
         self._trail = Trail()
         self._searched_round = 0  # the round of the last search of candidates
@@ -109,17 +110,12 @@ class ExplorationLoop:
     @property
     def pose(self) -> Pose2D:
         """The newest believed pose."""
-        return self._belief.pose
-
-    @property
-    def mates(self) -> FloatArray:
-        """Poses (K, 3) of the robots of its team that it hears now, in the map frame."""
-        return self._belief.mates
+        return self.belief.pose
 
     @property
     def time(self) -> float:
         """The newest time [s]."""
-        return self._belief.time
+        return self.belief.time
 
     @property
     def known_area(self) -> float:
@@ -196,7 +192,7 @@ class ExplorationLoop:
 
     def command(self) -> Twist2D:
         """Velocity for the next control step."""
-        belief = self._belief
+        belief = self.belief
         if self._recovery.is_turning:
             return self._recovery.turn(belief.pose)
         if self.finished:
@@ -244,7 +240,7 @@ class ExplorationLoop:
 
     def known_map(self) -> OccupancyGrid:
         """The newest map, on the whole canvas."""
-        return self._belief.known_map()
+        return self.belief.known_map()
 
     def ways_on(self) -> list[Frontier] | None:
         """Frontiers that the robot fits through and that the exploration means to visit, now or in a later round.
@@ -267,18 +263,18 @@ class ExplorationLoop:
     def _take_pose(self, observation: Observation) -> None:
         """Take over all but the map; on a corrected map begin anew, with the next one that is published."""
         last_time = self.time
-        moved = self._belief.take_pose(observation)
+        moved = self.belief.take_pose(observation)
         self._trail.note(self.pose)
         passed = max(self.time - last_time, self.context.control_step)
         is_corrected = moved > self.context.max_linear * passed + SAME_CENTROID
-        if is_corrected and self._belief.has_map and not self.finished:
+        if is_corrected and self.belief.has_map and not self.finished:
             self._begin(LastChoice(settles_at=self._next_map_at()))
             self._enter(LoopEvent.CORRECTED)
             self.growth.grown_to = 0.0  # corrected maps may be smaller
 
     def _take_map(self, published: ByteArray | OccupancyGrid) -> None:
         """Hand a newly published map to the navigation stack."""
-        if not self._belief.take_map(published):
+        if not self.belief.take_map(published):
             return
         self.navigator.update_map(self.known_map(), self.pose, self.time)
         self._choice.is_outdated = True
@@ -379,7 +375,7 @@ class ExplorationLoop:
 
     def _drop_target(self, target: FrontierCandidate) -> None:
         """Give up the frontier that the robot drives to, reached or not."""
-        self._recovery.note_given_up(self.pose, self._belief.scan)
+        self._recovery.note_given_up(self.pose, self.belief.scan)
         if self.navigator.status is not GoalStatus.SUCCEEDED:
             self.navigator.keep_obstacles(self.pose, self.time)
         self._give_up(target)

@@ -1,4 +1,4 @@
-"""What the exploration loop believes: the newest pose, scan and map, and when they came."""
+"""What the exploration loop believes: the newest pose, scan and map, when they came, and what earlier scans saw."""
 
 import math
 
@@ -8,29 +8,32 @@ from slamgym.core.types import (
     ByteArray,
     Float32Array,
     FloatArray,
-    GridFrame,
     Observation,
     OccupancyGrid,
     Pose2D,
 )
+from slamgym.planning.context import ExplorerContext
+from slamgym.planning.view_history import ViewHistory
 
 
 class LoopBelief:
     """The newest observation.
 
     Args:
-        canvas: Frame of maps that come without one.
+        context: Of the robot; maps that come without a frame have its.
 
     Attributes:
         pose: The robot in the map frame.
         time: [s].
         scan: Shape (num_beams,) [m].
-        mates: Poses (K, 3) of the robots that are heard now, in the map frame.
+        mates: Poses (K, 3) of the robots of its team that are heard now, in the map frame.
+        views: All scans.
     """
 
-    def __init__(self, canvas: GridFrame) -> None:
-        self._canvas = canvas
-        self._frame = canvas
+    def __init__(self, context: ExplorerContext) -> None:
+        self._canvas = context.frame
+        self._frame = context.frame
+        self.views = ViewHistory(context)
         self._cells: ByteArray | None = None
         self.pose = Pose2D(0.0, 0.0, 0.0)
         self.time = 0.0
@@ -48,6 +51,7 @@ class LoopBelief:
         self.pose = Pose2D(*observation["pose"].tolist())
         self.time = float(observation["time"][0])
         self.scan = observation["scan"]
+        self.views.note(self.pose, self.scan)
         if "mates" in observation:
             rows = observation["mates"]
             self.mates = rows[rows[:, 0] > 0.5, 1:].astype(np.float64)

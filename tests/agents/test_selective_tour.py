@@ -165,15 +165,13 @@ def test_moments_of_what_a_frontier_hides_follow_from_the_chances(env, network, 
     observation, _ = env.reset(seed=5)
     explorer.predict(observation)
     loop = explorer.loops[0]
-    views = ViewHistory(env.explorer_context())
-    views.note(loop.pose, observation["scan"])
     for most, mean, square in (
         (0.05, 0.05, 0.0025),
         (1.0, 1.0, 1.0),
         (2.0, 1.5, 2.5),
         (100.0, 2.0, 5.0),
     ):
-        found = moments(read.chances(describe_frontiers(loop, views, loop.wanted)), most)
+        found = moments(read.chances(describe_frontiers(loop, loop.wanted)), most)
         assert found.shape == (2, len(loop.wanted))
         np.testing.assert_allclose(found.T, [(mean, square)] * len(loop.wanted), rtol=1e-12)
     for path, reason in (

@@ -89,7 +89,7 @@ def test_in_an_auction_the_lowest_bid_wins_first(monkeypatch):
 
 def test_a_robot_that_hears_nothing_chooses_as_alone():
     loop = _Offered([]).loop
-    assert len(loop.mates) == 0
+    assert len(loop.belief.mates) == 0
     own = [one.path_length for one in loop.candidates]
     assert np.argmax(Auction()(loop)) == np.argmin(own)
 

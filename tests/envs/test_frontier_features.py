@@ -31,7 +31,7 @@ def decisions():
         loop = env.loop
         order = env.order
         count = len(order)
-        table = describe_frontiers(loop, env.views, [loop.candidates[i].frontier for i in order])
+        table = describe_frontiers(loop, [loop.candidates[i].frontier for i in order])
         found.append(
             {
                 "observation": observation,

@@ -153,10 +153,10 @@ def test_an_explorer_hears_others_and_is_alone_again_when_they_fall_silent(desk)
     robot = begin(desk).map()
     desk.hand(robot.node, "/mates", mates(Pose2D(1.0, -1.0, 0.5)))
     robot.sense(3)
-    assert loop_of(robot).mates == pytest.approx(np.array([[1.0, -1.0, 0.5]]))
+    assert loop_of(robot).belief.mates == pytest.approx(np.array([[1.0, -1.0, 0.5]]))
     robot.node._team = robot.node._team._replace(heard_at=-math.inf)
     robot.sense(1)
-    assert len(loop_of(robot).mates) == 0
+    assert len(loop_of(robot).belief.mates) == 0
 
 
 def test_what_the_team_has_mapped_is_no_frontier(desk):
