@@ -14,7 +14,7 @@ from slamgym import __version__
 from slamgym.core.config import suggest
 from slamgym.core.documents import YAML_SUFFIXES, json_text
 from slamgym.core.errors import ConfigError, InputFileError, SlamgymError
-from slamgym.core.files import storage_errors, write_text
+from slamgym.core.files import spare_inputs, storage_errors, write_text
 from slamgym.core.progress import tell
 from slamgym.core.text import printable
 
@@ -100,6 +100,16 @@ def require_folder(out: Path) -> None:
     """
     if out.exists() and not out.is_dir():
         raise InputFileError(out, "is a file; name a folder for the results")
+
+
+def spare_maps(maps: Sequence[Path], out: Path, role: str) -> None:
+    """Refuse to write a map over one that is read; ``role`` says in the error what that is to the command.
+
+    Raises:
+        InputFileError: If the folder of the results is one of the maps, or would hold it under the same name.
+    """
+    for target in (out, out / "map.yaml", out / "map.pgm", out / "map.png"):
+        spare_inputs(maps, target, role)
 
 
 def begin_results(folder: Path) -> None:

@@ -9,13 +9,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import tyro
 
-from slamgym.commands.frame import Out, begin_results, end_results, require_folder, require_input
+from slamgym.commands.frame import (
+    Out,
+    begin_results,
+    end_results,
+    require_folder,
+    require_input,
+    spare_maps,
+)
 from slamgym.commands.log_input import LogReading, checked_log
 from slamgym.core.config import Arguments
-from slamgym.core.documents import YAML_SUFFIXES
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.files import spare_inputs
-from slamgym.core.pictures import PICTURE_SUFFIXES
 from slamgym.core.progress import say
 
 if TYPE_CHECKING:
@@ -37,10 +41,6 @@ class MergeMapsArguments(LogReading, _Inputs):
 
     guess: bool = False
     """Merge at the best place even if it isn't sure that the maps belong together; summary.json says so."""
-
-
-BARE_MAPS = (*YAML_SUFFIXES, *PICTURE_SUFFIXES, ".json")
-"""Names of bare maps end so."""
 
 
 def main(arguments: MergeMapsArguments) -> int:
@@ -77,12 +77,13 @@ def _check(arguments: MergeMapsArguments) -> None:
         twin = seen.setdefault(path.resolve(), path)
         if twin is not path:
             raise InputFileError(path, f"is {twin} once more; name each map once")
-    spare_inputs(inputs, arguments.out, "an input")
+    spare_maps(inputs, arguments.out, "an input")
 
 
 def _read(path: Path, reading: LogReading) -> Part:
     """One input, whatever it is."""
     from slamgym.interop.logs import episode_log
+    from slamgym.interop.map_files import MAP_SUFFIXES
     from slamgym.ros2.run_files import LOG
     from slamgym.slam.graph.graph_files import GRAPH
     from slamgym.slam.merge.stored import stored_part
@@ -93,7 +94,7 @@ def _read(path: Path, reading: LogReading) -> Part:
     if log.is_file():
         return _map_log(log, str(path), reading)
     is_bag = episode_log(path) or (path / "metadata.yaml").exists()
-    if path.suffix.lower() in BARE_MAPS or (
+    if path.suffix.lower() in MAP_SUFFIXES or (
         path.is_dir() and any(path.glob("*.y*ml")) and not is_bag
     ):
         part = stored_part(path)

@@ -14,12 +14,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import tyro
 
-from slamgym.commands.frame import Out, begin_results, end_results, open_window, require_folder
+from slamgym.commands.frame import (
+    Out,
+    begin_results,
+    end_results,
+    open_window,
+    require_folder,
+    spare_maps,
+)
 from slamgym.commands.log_input import LogAndOut, LogReading, checked_log, faults_of
 from slamgym.commands.settings import AllSettings, SettingsOptions
 from slamgym.core.config import Count, Seed, to_dict
 from slamgym.core.errors import ConfigError
-from slamgym.core.files import spare_inputs
 from slamgym.core.progress import counted, show_progress
 from slamgym.slam.config import Mode, SlamConfig
 
@@ -66,6 +72,12 @@ class SlamArguments(LogReading, LogAndOut):
     settings: AllSettings = SettingsOptions()
     """The mapper: resolution, max_usable_range, linear_update, sigma and all else."""
 
+    def _check(self) -> None:
+        from slamgym.viz.films import check_film_name
+
+        if self.video is not None:
+            check_film_name(self.video)
+
 
 MAX_FRAMES = 600
 """Pictures of a film at most."""
@@ -85,7 +97,7 @@ def main(arguments: SlamArguments) -> None:
     _check_settings(arguments)
     older = None
     if arguments.continue_ is not None:
-        spare_inputs([arguments.continue_], arguments.out, "the map to go on with")
+        spare_maps([arguments.continue_], arguments.out, "the map to go on with")
         older = stored_part(arguments.continue_)
     relations = read_relations(arguments.relations) if arguments.relations is not None else None
     log = checked_log(arguments.log, arguments)

@@ -11,6 +11,7 @@ from slamgym.core.geometry import wrap_angle
 from slamgym.core.types import FloatArray, Trajectory
 from slamgym.interop.bag_topics import BAG_SUFFIXES, NO_ODOMETRY, BagChoices
 from slamgym.interop.carmen import read_carmen
+from slamgym.interop.map_files import MAP_SUFFIXES
 from slamgym.interop.odometry import retimed, without_odometry
 from slamgym.interop.records import Log
 from slamgym.interop.rosbag import read_rosbag
@@ -36,6 +37,10 @@ def open_log(path: Path | str, choices: BagChoices = BagChoices()) -> Log:  # no
     path = Path(path)
     if not path.exists():
         raise InputFileError(path, "doesn't exist")
+    if path.suffix.lower() in MAP_SUFFIXES and path.is_file():
+        raise InputFileError(
+            path, "has a map's name; a log of scans is wanted (slamgym cad draws maps)"
+        )
     text = episode_log(path) if path.is_dir() else path
     if text is not None and text.suffix.lower() not in BAG_SUFFIXES:
         read = read_carmen(text, choices.range_max, choices.scan_rate)

@@ -18,6 +18,8 @@ from slamgym.core.types import FREE, OCCUPIED, OccupancyGrid, Pose2D
 from slamgym.interop.ros_map import LARGEST_CELL, SMALLEST_CELL, read_bare_map, read_turned_map
 from slamgym.interop.valetudo import MapSegment, embedded_map, parse_valetudo
 
+MAP_SUFFIXES = (*YAML_SUFFIXES, *PICTURE_SUFFIXES, ".json")
+"""Names of files with a map end so."""
 MIN_FREE = 50
 """Fewer free cells are no map."""
 USUAL_CELLS = (0.008, 0.15)

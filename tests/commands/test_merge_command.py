@@ -93,6 +93,7 @@ def test_a_guess_is_marked_as_one(folder, capsys):
         (["a"], "out", "two maps or more"),
         (["a", "a/../a"], "out", "once more"),
         (["a", "b.log"], "a", "would be written over"),
+        (["b.log", "bare/map.yaml"], "bare", "would be written over"),
         (["a", "nowhere"], "out", "doesn't exist"),
         (["a", "b.log"], "b.log", "is a file"),
     ],

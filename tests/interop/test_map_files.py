@@ -10,7 +10,7 @@ import pytest
 
 from slamgym.core.errors import InputFileError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
-from slamgym.interop import read_map
+from slamgym.interop import open_log, read_map
 
 YAML = "image: {image}\nresolution: {resolution}\norigin: [0, 0, 0]\nnegate: {negate}\n" + (
     "occupied_thresh: 0.65\nfree_thresh: 0.25\n"
@@ -245,3 +245,10 @@ def test_other_files_are_refused_with_what_to_do(tmp_path, name):
     (tmp_path / name).write_text("x")
     with pytest.raises(InputFileError, match="give"):
         read_map(tmp_path / name)
+
+
+@pytest.mark.parametrize("name", ["map.png", "map.yaml", "map.json"])
+def test_a_map_is_named_where_a_log_is_wanted(tmp_path, name):
+    (tmp_path / name).write_bytes(b"P5 1 1 255 x")
+    with pytest.raises(InputFileError, match="log of scans"):
+        open_log(tmp_path / name)

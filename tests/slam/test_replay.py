@@ -115,9 +115,11 @@ def test_a_film_of_the_growing_map(tmp_path, name):
 
 
 class TestErrors:
-    def test_a_film_needs_a_known_ending(self, tmp_path, episode):
+    def test_a_film_needs_a_known_ending_before_a_log_is_read(self, tmp_path):
         with pytest.raises(ConfigError, match=r"\.mp4 or \.gif"):
-            main([str(episode), "-o", str(tmp_path / "out"), "--video", str(tmp_path / "film.txt")])
+            main(
+                ["nowhere.log", "-o", str(tmp_path / "out"), "--video", str(tmp_path / "film.txt")]
+            )
         assert not (tmp_path / "out").exists()
 
     def test_a_missing_log_writes_nothing(self, tmp_path):
