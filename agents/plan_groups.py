@@ -4,13 +4,11 @@ import dataclasses
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from slamgym.agents.plan_splits import PlanSplit, split_of
+from slamgym.agents.plan_splits import PlanSplit, explorable_plans, ids_of
 from slamgym.agents.rl.train_config import FURNISHED
-from slamgym.cad import FloorPlan, check_plan, open_plans
+from slamgym.cad import FloorPlan, open_plans
 from slamgym.cad.plan_filter import AREA, passes
-from slamgym.core.errors import PlanError
 from slamgym.core.names import shuffled
-from slamgym.envs import ExploreConfig
 from slamgym.sim import ClutterConfig
 
 
@@ -43,18 +41,13 @@ def plans_of(houseexpo: str, name: str, split: PlanSplit) -> Iterator[FloorPlan]
     """The plans of a group in a fixed order."""
     group = BUILDING_GROUPS[name]
     source = open_plans(group.plans or houseexpo)
-    order = shuffled([plan for plan in source.ids if split_of(plan) == split], 77)
+    order = shuffled(ids_of(source.ids, split), 77)
     sharing = [
         other
         for other, one in BUILDING_GROUPS.items()
         if (one.plans, one.area) == (group.plans, group.area)
     ]
-    for plan_id in order[sharing.index(name) :: len(sharing)]:
-        try:
-            plan = source.load(plan_id)
-            check_plan(plan, ExploreConfig().robot.radius)
-        except PlanError:
-            continue
-        low, high = group.area
+    low, high = group.area
+    for plan in explorable_plans(source, order[sharing.index(name) :: len(sharing)]):
         if low < plan.area <= high and (high > AREA[1] or passes(plan, "useful")):
             yield plan

@@ -5,7 +5,7 @@ machine, and a plan that was once held out stays held out.
 """
 
 import hashlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Literal
 
 import numpy as np
@@ -70,16 +70,21 @@ def draw_plans(
     Raises:
         ConfigError: If none is left.
     """
+
+    def is_of_size(plan: FloorPlan) -> bool:
+        is_long = plan.extent > longest_side(largest_area)
+        return AREA[0] <= plan.area <= largest_area and not is_long
+
     plans: dict[str, FloorPlan] = {}
     for number, spec in enumerate(specs):
         source = open_plans(spec)
         ids = ids_of(source.ids, split)
         wanted = (count * (number + 1)) // len(specs)
-        for index in np.random.default_rng(seed).permutation(len(ids)):
+        order = np.random.default_rng(seed).permutation(len(ids)).tolist()
+        for plan in explorable_plans(source, (ids[index] for index in order)):
             if len(plans) >= wanted:
                 break
-            plan = _load(source, ids[int(index)], largest_area)
-            if plan is not None:
+            if is_of_size(plan) and passes(plan, "useful"):
                 plans[plan.id] = plan
                 advance()
     if not plans:
@@ -89,12 +94,12 @@ def draw_plans(
     return list(plans.values())
 
 
-def _load(source: PlanSource, plan_id: str, largest_area: float) -> FloorPlan | None:
-    """A plan, if it is worth exploring."""
-    try:
-        plan = source.load(plan_id)
-        check_plan(plan, RobotConfig().radius)
-    except PlanError:
-        return None
-    is_of_size = AREA[0] <= plan.area <= largest_area and plan.extent <= longest_side(largest_area)
-    return plan if is_of_size and passes(plan, "useful") else None
+def explorable_plans(source: PlanSource, ids: Iterable[str]) -> Iterator[FloorPlan]:
+    """The plans of some ids that the robot can explore, in their order."""
+    for plan_id in ids:
+        try:
+            plan = source.load(plan_id)
+            check_plan(plan, RobotConfig().radius)
+        except PlanError:
+            continue
+        yield plan

@@ -29,6 +29,8 @@ from slamgym.planning.path_follower import PathFollower
 WHEELS = Path(__file__).parent / "pretrained" / "wheels_policy.safetensors"
 """The policy that comes with the package."""
 
+LAYERS = ("first", "second", "action")
+"""Names of the network's layers."""
 CLIP = 5.0
 """Normalised observations are cut off here."""
 _EPSILON = 1e-8
@@ -75,16 +77,15 @@ class WheelsPolicy:
     @functools.cached_property
     def _layers(self) -> dict[str, Float32Array]:
         """The weights of each layer as :func:`product` takes them, (inputs, outputs)."""
-        names = ("first", "second", "action")
-        return {name: np.ascontiguousarray(self.weights[f"{name}.weight"].T) for name in names}
+        return {name: np.ascontiguousarray(self.weights[f"{name}.weight"].T) for name in LAYERS}
 
 
 def wheels_shapes() -> dict[str, tuple[int, ...]]:
     """Names and shapes of the weights."""
     size = compact_size(SCAN_SECTORS) + FAR_SIZE
     first, second = LAYER_UNITS
-    layers = {"first": (size, first), "second": (first, second), "action": (second, 2)}
-    return {"mean": (size,), "variance": (size,), **linear_shapes(layers)}
+    layers = zip(LAYERS, ((size, first), (first, second), (second, 2)), strict=True)
+    return {"mean": (size,), "variance": (size,), **linear_shapes(dict(layers))}
 
 
 def write_wheels(path: Path, policy: WheelsPolicy) -> None:

@@ -19,6 +19,7 @@ import torch
 from torch import nn
 
 from slamgym import __version__
+from slamgym.agents.evaluation.trial import Task, TrialConfig, run_trial
 from slamgym.agents.hidden_floor import AREAS, DESCRIPTION, FLOOR_LAYERS
 from slamgym.agents.plan_groups import BUILDING_GROUPS, plans_of
 from slamgym.agents.pretrained_policy import write_weights
@@ -31,9 +32,7 @@ from slamgym.core.config import to_dict
 from slamgym.core.files import append_line, own_folder, read_text
 from slamgym.core.names import exploration_seed
 from slamgym.core.progress import say
-from slamgym.envs import ExploreConfig, ExploreEnv
-from slamgym.envs.episode import episode_steps, explored_env, fitted_env
-from slamgym.planning.promise import Promise
+from slamgym.envs import ExploreConfig
 from slamgym.sim import ClutterConfig
 
 WEIGHTS = "hidden_floor.safetensors"
@@ -149,11 +148,8 @@ def is_kept_often_enough(path: Path, risk: float, config: HiddenFloorConfig, out
 
 def explore_selectively(path: Path, plan: FloorPlan, clutter: ClutterConfig) -> dict[str, float]:
     """Explore a building with a network: the time [s], and the share of the floor that is missing at the end."""
-    env_config = explored_env(ExploreConfig(clutter=clutter))
-    env = ExploreEnv(plan, fitted_env(plan, env_config, "auto"))
-    loop = dataclasses.replace(TOUR_LOOP, promise=Promise())
-    explorer = SelectiveTour(env.explorer_context(), loop, path)
-    reset = env.reset(seed=exploration_seed(5, plan.id, 0))
-    for _ in episode_steps(env, explorer, reset):
-        pass
-    return {"time": round(env.simulation.time), "share": 1.0 - env.coverage.share}
+    task = Task("rl", plan, exploration_seed(5, plan.id, 0))
+    config = TrialConfig(env=ExploreConfig(clutter=clutter))
+    loop = dataclasses.replace(TOUR_LOOP, promise=config.promise)
+    trial = run_trial(task, config, lambda context: SelectiveTour(context, loop, path))
+    return {"time": round(trial.time), "share": 1.0 - trial.coverage}

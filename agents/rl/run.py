@@ -71,6 +71,11 @@ class PolicyLearner(ABC, Generic[ConfigT]):
     def export(self, model: OnPolicyAlgorithm, path: Path) -> None:
         """Write the policy's weights without value and optimiser, as explorers read them."""
 
+    def about(self, model: OnPolicyAlgorithm) -> dict[str, Any]:
+        """How weights were trained, for the file that they are written to."""
+        training = to_dict(self.config)
+        return {"version": __version__, "decisions": model.num_timesteps, "training": training}
+
     def learner(
         self, policy: Any, envs: Any, mixin: Any = None, **arguments: Any
     ) -> OnPolicyAlgorithm:

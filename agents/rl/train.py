@@ -10,7 +10,6 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
 
-from slamgym import __version__
 from slamgym.agents.pretrained_policy import read_policy, write_policy
 from slamgym.agents.rl.environments import explore_plan, make_env, mean_figures
 from slamgym.agents.rl.policy import FrontierPolicy
@@ -18,7 +17,6 @@ from slamgym.agents.rl.run import PolicyLearner, learn_policy
 from slamgym.agents.rl.train_config import FURNISHED, STARTS, TrainConfig
 from slamgym.agents.rl.whole_episodes import WholeEpisodeBuffer, WholeEpisodeRollouts, WholeEpisodes
 from slamgym.cad import FloorPlan
-from slamgym.core.config import to_dict
 from slamgym.envs.config import ExploreConfig
 from slamgym.envs.plan_cache import PlanCache
 from slamgym.envs.rewards import RewardTerms
@@ -120,12 +118,5 @@ class FrontierLearner(PolicyLearner[TrainConfig]):
     def export(self, model: OnPolicyAlgorithm, path: Path) -> None:
         """Write the weights as ``slamgym generate --explorer rl:FILE`` reads them."""
         network: Any = model.policy.features_extractor.network
-        weights = {
-            name: value.detach().cpu().numpy() for name, value in network.state_dict().items()
-        }
-        about = {
-            "version": __version__,
-            "decisions": model.num_timesteps,
-            "training": to_dict(self.config),
-        }
-        write_policy(path, weights, about)
+        weights = {name: value.numpy() for name, value in network.state_dict().items()}
+        write_policy(path, weights, self.about(model))

@@ -12,15 +12,12 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.vec_env import VecNormalize
 from torch import Tensor, nn
 
-from slamgym import __version__
 from slamgym.agents.rl.batch_vec_env import BatchVecEnv
 from slamgym.agents.rl.environments import explore_plan, make_batch, mean_figures
 from slamgym.agents.rl.run import PolicyLearner, learn_policy
 from slamgym.agents.rl.train_config import DISCOUNT, HOLD, LAYER_UNITS, WheelsConfig
-from slamgym.agents.wheels import CLIP, WheelsPolicy, write_wheels
+from slamgym.agents.wheels import CLIP, LAYERS, WheelsPolicy, write_wheels
 from slamgym.cad import FloorPlan
-from slamgym.core.config import to_dict
-from slamgym.core.types import Float32Array
 from slamgym.envs.rewards import RewardTerms
 
 EPISODE_SECONDS = (60.0, 600.0)
@@ -104,25 +101,15 @@ class WheelsLearner(PolicyLearner[WheelsConfig]):
 
     def export(self, model: OnPolicyAlgorithm, path: Path) -> None:
         """Write the weights as the explorer ``wheels`` reads them, with the normalisation of the observations."""
-        first, second, action = _layers(model.policy)
         statistics: Any = model.get_vec_normalize_env().obs_rms
         weights = {
-            "first.weight": _exported(first.weight),
-            "first.bias": _exported(first.bias),
-            "second.weight": _exported(second.weight),
-            "second.bias": _exported(second.bias),
-            "action.weight": _exported(action.weight),
-            "action.bias": _exported(action.bias),
             "mean": statistics.mean.astype(np.float32),
             "variance": statistics.var.astype(np.float32),
         }
-        training = to_dict(self.config)
-        about = {"version": __version__, "decisions": model.num_timesteps, "training": training}
-        write_wheels(path, WheelsPolicy(weights, about))
-
-
-def _exported(parameters: Tensor) -> Float32Array:
-    return parameters.detach().cpu().numpy().copy()
+        for name, layer in zip(LAYERS, _layers(model.policy), strict=True):
+            for part, value in layer.state_dict().items():
+                weights[f"{name}.{part}"] = value.numpy()
+        write_wheels(path, WheelsPolicy(weights, self.about(model)))
 
 
 def _layers(policy: Any) -> tuple[Any, Any, Any]:

@@ -49,10 +49,11 @@ class StepInfo(dict[str, Any]):
         return self._measure()
 
 
-def _first(values: Mapping[str, Any]) -> dict[str, Any]:
+def figures_of_one(values: Mapping[str, Any], index: int = 0) -> dict[str, Any]:
     """The figures of one robot alone, as plain numbers where they are numbers."""
     return {
-        name: value[0].item() if value.ndim == 1 else value[0] for name, value in values.items()
+        name: value[index].item() if value.ndim == 1 else value[index]
+        for name, value in values.items()
     }
 
 
@@ -260,7 +261,7 @@ class ExploreEnv(gym.Env[Any, Any]):
         terminated = bool(outcome.terminations[0])
         truncated = bool(outcome.truncations[0])
         info = self.info()
-        info["reward_terms"] = _first(outcome.terms)
+        info["reward_terms"] = figures_of_one(outcome.terms)
         info["is_success"] = terminated
         if terminated or truncated:
             info["map_error"] = self.map_error()
@@ -273,7 +274,7 @@ class ExploreEnv(gym.Env[Any, Any]):
         record = self._latest.record.but(terminated=np.ones(1, dtype=np.bool_))
         reward, terms = self._reward(record)
         added = {name: terms[name] - before for name, before in self._latest.terms.items()}
-        return float(reward[0] - self._latest.rewards[0]), _first(added)
+        return float(reward[0] - self._latest.rewards[0]), figures_of_one(added)
 
     def render(self) -> Any:
         """The frame, shape (720, 1280, 3) uint8, in mode ``"rgb_array"``; else None."""
@@ -360,7 +361,7 @@ class ExploreEnv(gym.Env[Any, Any]):
 
     def info(self) -> dict[str, Any]:
         """The newest figures; the map's error is measured where somebody asks for it."""
-        info = StepInfo(_first(self._explorations.figures()), self.map_error)
+        info = StepInfo(figures_of_one(self._explorations.figures()), self.map_error)
         if self._explorations.assessment.errors_read()[0]:
             info["map_error"] = self.map_error()
         return info

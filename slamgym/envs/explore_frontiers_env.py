@@ -14,7 +14,7 @@ from slamgym.core.errors import ActionError, ConfigError
 from slamgym.core.geometry import compose
 from slamgym.core.types import BoolArray, Observation, Pose2D
 from slamgym.envs.config import ExploreConfig, resolve_config, resolve_part
-from slamgym.envs.explore_env import RENDER_MODES, ExploreEnv, StepInfo
+from slamgym.envs.explore_env import RENDER_MODES, ExploreEnv, StepInfo, figures_of_one
 from slamgym.envs.frontier_features import MOST_FRONTIERS, FrontierFeatures
 from slamgym.envs.path_drive import STRIDE, stride
 from slamgym.envs.plan_cache import PlanCache, PlansArgument
@@ -270,9 +270,13 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         start = self.inner.start
         true_pose = compose(Pose2D(start.x, start.y, 0.0), pose)
         observation, outcome = self.inner.place(true_pose, length, self._stride)
-        terms = {name: float(value[0]) for name, value in outcome.terms.items()}
         ends = bool(outcome.terminations[0]), bool(outcome.truncations[0])
-        return observation, float(outcome.rewards[0]), *ends, {"reward_terms": terms}
+        return (
+            observation,
+            float(outcome.rewards[0]),
+            *ends,
+            {"reward_terms": figures_of_one(outcome.terms)},
+        )
 
     def _observe(self, info: dict[str, Any], duration: float) -> tuple[Observation, dict[str, Any]]:
         self.order = self.np_random.permutation(len(self.loop.candidates)).tolist()

@@ -14,6 +14,7 @@ from slamgym.core.jit import announce_compilation
 from slamgym.core.types import ByteArray
 from slamgym.envs.batch.exploration import StepOutcome
 from slamgym.envs.config import ExploreConfig, resolve_config
+from slamgym.envs.explore_env import figures_of_one
 from slamgym.envs.observations import FURTHEST, observation_space
 from slamgym.envs.plan_cache import PlanCache, PlansArgument, ResetOptions
 from slamgym.envs.rewards import RewardTerms
@@ -194,14 +195,9 @@ class ExploreTeamEnv(ParallelEnv[str, Any, Any]):
         figures = self.team.explorations.figures()
         infos: dict[str, dict[str, Any]] = {}
         for index, name in enumerate(self.agents):
-            infos[name] = {
-                key: value[index].item() if value.ndim == 1 else value[index].copy()
-                for key, value in figures.items()
-            }
+            infos[name] = figures_of_one(figures, index)
             if outcome is not None:
-                infos[name]["reward_terms"] = {
-                    term: float(values[index]) for term, values in outcome.terms.items()
-                }
+                infos[name]["reward_terms"] = figures_of_one(outcome.terms, index)
         return infos
 
     def render(self) -> ByteArray | None:
