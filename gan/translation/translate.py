@@ -152,7 +152,7 @@ class LearnedTranslator:
         padded = slam if abs(angle) <= MAX_DRIFT_DEG else padded_for_turning(slam, angle)
         straight = turned(padded, -angle)
         image = self._fitted(straight, UNKNOWN, metres_per_px)
-        if not straighten:
+        if angle and not straighten:
             back = [turned_probability(channel, angle) for channel in _shares(image)]
             image = _encoded(np.stack(back))
         rows, cols = slam.shape

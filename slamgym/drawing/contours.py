@@ -4,6 +4,7 @@ Convention: pictures are ``[row, col]`` with row 0 at the top; outlines are clos
 y up) round what is above the level, clockwise round its holes.
 """
 
+import itertools
 from collections.abc import Iterator
 
 import numpy as np
@@ -11,7 +12,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import LinearRing
 
-from slamgym.core.types import Float32Array, FloatArray, GridFrame, IntArray
+from slamgym.core.types import BoolArray, Float32Array, FloatArray, GridFrame, IntArray
 
 _LINKS: tuple[tuple[tuple[int, int], ...], ...] = (
     (),
@@ -48,22 +49,51 @@ def trace_outlines(
         smallest: Least area of an outline, holes included [m2].
         smallest_hole: Least area of a hole [m2].
     """
-    padded = np.pad(np.asarray(image, dtype=np.float64), 1)
-    lines = _lines(padded)
-    left, _, _, top = frame.bounds
-    # The padding moved all by one cell; a cell's centre lies half a cell from its border.
-    on_grid = lines + np.array([-0.5, 0.5])
-    on_map = on_grid * frame.resolution + np.array([left, top])
-    if not len(lines):
-        return []
-    floor = shapely.build_area(shapely.multilinestrings(_chained(on_map)))
+    points, line_of = _chained(_on_map(image, frame))
+    lines = np.asarray(shapely.linestrings(points, indices=line_of))
+    floor = shapely.build_area(shapely.multilinestrings(lines))
     rings = shapely.get_rings(shapely.orient_polygons(shapely.get_parts(floor)))
     least = np.where(shapely.is_ccw(rings), smallest, smallest_hole)
     return list(rings[shapely.area(shapely.polygons(rings)) >= least])
 
 
-def _chained(lines: FloatArray) -> NDArray[np.object_]:
-    """Straight pieces (N, 2, 2) as lines: one for each ring that touches none, for few lines are joined sooner."""
+def trace_patches(cells: BoolArray, frame: GridFrame, smallest: float) -> NDArray[np.object_]:
+    """Patches of cells of at least an area [m2], without holes that are smaller.
+
+    No two outlines touch, so it suffices to find which hole lies where: GEOS takes long over thousands.
+    """
+    points, ring_of = _chained(_on_map(cells.astype(np.float32), frame))
+    rings = np.asarray(shapely.linearrings(points, indices=ring_of))
+    shapes = np.asarray(shapely.polygons(rings))
+    area = np.asarray(shapely.area(shapes))
+    # Outlines before holes, the smallest first.
+    order = np.lexsort([area, ~shapely.is_ccw(rings)])
+    order = order[area[order] >= smallest]
+    holes = np.flatnonzero(~shapely.is_ccw(rings[order]))
+    outlines = shapely.STRtree(np.delete(shapes[order], holes))
+    hole, around = outlines.query(shapes[order[holes]], predicate="within")
+    patch_of = np.arange(len(order))
+    np.minimum.at(patch_of, holes[hole], around)
+    by_patch = np.argsort(patch_of, kind="stable")
+    return np.asarray(shapely.polygons(rings[order[by_patch]], indices=patch_of[by_patch]))
+
+
+def _on_map(image: Float32Array, frame: GridFrame) -> FloatArray:
+    """The straight pieces of the outlines of a map, (N, 2, 2) [m]."""
+    lines = _lines(np.pad(np.asarray(image, dtype=np.float64), 1))
+    left, _, _, top = frame.bounds
+    # The padding moved all by one cell; a cell's centre lies half a cell from its border.
+    on_grid = lines + np.array([-0.5, 0.5])
+    return on_grid * frame.resolution + np.array([left, top])
+
+
+def _chained(lines: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Points (M, 2) of lines made of straight pieces (N, 2, 2), and which line each is of.
+
+    There is one for each ring that touches none, and few for others, for few lines are joined sooner.
+    """
+    if not len(lines):
+        return np.empty((0, 2)), np.empty(0, np.int64)
     start, end = np.ascontiguousarray(lines).view(np.complex128)[..., 0].T
     by_start = np.argsort(start, kind="stable")
     following = np.empty_like(by_start)
@@ -71,16 +101,22 @@ def _chained(lines: FloatArray) -> NDArray[np.object_]:
     shared = np.flatnonzero(np.diff(start[by_start]) == 0.0)
     touching = {*by_start[shared].tolist(), *by_start[shared + 1].tolist()}
     chains = list[list[int]]()
-    for ring in _cycles(following.tolist()):
-        is_alone = touching.isdisjoint(ring)
-        chains += [ring] if is_alone else [[piece] for piece in ring]
-    chains.sort()
+    for first, *others in _cycles(following.tolist()):
+        # Where GEOS would begin a ring of pieces: at the end of the first.
+        ring = [*others, first]
+        nodes = [0, *(k for k in range(1, len(ring)) if ring[k] in touching), len(ring)]
+        if len(nodes) == 2:
+            chains.append(ring)
+            continue
+        for begin, stop in itertools.pairwise(nodes):
+            lowest = min(range(begin, stop), key=ring.__getitem__)
+            chains += [ring[begin:lowest], [ring[lowest]], ring[lowest + 1 : stop]]
+    chains = sorted(filter(None, chains), key=min)
     sizes = np.array([len(chain) for chain in chains])
-    # Where GEOS would begin a ring of pieces: at the end of the first.
-    pieces = np.concatenate([[*chain[1:], chain[0]] for chain in chains])
+    pieces = np.concatenate(chains)
     firsts = np.cumsum(sizes) - sizes
     points = np.insert(lines[pieces, 1], firsts, lines[pieces[firsts], 0], axis=0)
-    return shapely.linestrings(points, indices=np.repeat(np.arange(len(sizes)), sizes + 1))
+    return points, np.repeat(np.arange(len(sizes)), sizes + 1)
 
 
 def _cycles(following: list[int]) -> Iterator[list[int]]:

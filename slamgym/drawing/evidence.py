@@ -23,7 +23,7 @@ from slamgym.core.types import (
     GridFrame,
     OccupancyGrid,
 )
-from slamgym.drawing.contours import trace_outlines
+from slamgym.drawing.contours import trace_patches
 from slamgym.drawing.polygons import SMALLEST_HOLE
 from slamgym.drawing.settings import DRAWN_DOORS, SMALLEST_ROOM, USUAL_CELL
 from slamgym.drawing.walls import WallPiece
@@ -135,13 +135,7 @@ def left_out_floor(lost: BoolArray, frame: GridFrame) -> list[Polygon]:
 
 def cell_polygons(cells: BoolArray, frame: GridFrame, smallest: float) -> list[Polygon]:
     """Patches of cells of at least an area [m2] as smooth polygons, without holes that are smaller."""
-    patches = list[list[shapely.LinearRing]]()
-    for ring in trace_outlines(cells.astype(np.float32), frame, smallest, smallest):
-        if ring.is_ccw:
-            patches.append([])
-        patches[-1].append(ring)
-    smooth = [Polygon(outline, holes) for outline, *holes in patches]
-    return list(shapely.simplify(smooth, 0.5 * frame.resolution))
+    return list(shapely.simplify(trace_patches(cells, frame, smallest), 0.5 * frame.resolution))
 
 
 def echo_outlines(grid: OccupancyGrid) -> list[Polygon]:

@@ -114,7 +114,8 @@ def floor_of_rooms(
     is_floor_seen = seen & (free >= 0.5)
     known = distance_to(echoes | is_floor_seen) <= SEEN_WITHIN / cell
     opened = _rejected_rooms(free, seen, known, cell)
-    free = np.where(opened, np.maximum(free, faces_within_cells(seen)), free)
+    if opened.any():
+        free = np.where(opened, np.maximum(free, faces_within_cells(seen)), free)
     floor = (free >= 0.5) & ~_thin_walls(seen, rooms, cell)
     floor &= ~_joining(floor, seen, rooms, cell)
     floor &= ~_open_rooms(rooms, distance_to(echoes) <= SEEN_WITHIN / cell)

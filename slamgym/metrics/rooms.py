@@ -78,10 +78,9 @@ def label_rooms(
         SMALLEST_ROOM_AREA / metres_per_px**2,
     )
     root_of_cell = parts.ravel()[cells]
-    is_root = np.zeros(parts.size, np.bool_)
-    is_root[root_of_cell] = True
-    is_root[0] = True  # outside
-    label_of_root = np.cumsum(is_root) - 1
+    roots = cells[root_of_cell == cells]
+    label_of_root = np.zeros(parts.size, np.int64)
+    label_of_root[roots] = np.arange(1, len(roots) + 1)  # 0: outside
     label_of_cell = label_of_root[root_of_cell]
     sizes = np.bincount(label_of_cell, minlength=1) * metres_per_px**2
     widest = np.zeros(len(sizes))
@@ -91,9 +90,9 @@ def label_rooms(
     is_room = is_large & is_wide
     is_room[0] = False  # outside
     numbers = np.where(is_room, np.cumsum(is_room), 0)
-    numbered = np.zeros(parts.shape, np.int64)
-    numbered.ravel()[cells] = numbers[label_of_cell]
-    return numbered[1:-1, 1:-1].copy()
+    numbered = np.zeros(free.shape, np.int64)
+    numbered[free] = numbers[label_of_cell]
+    return numbered
 
 
 def room_score(free: BoolArray, true_free: BoolArray, metres_per_px: float) -> RoomScore:

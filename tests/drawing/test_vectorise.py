@@ -13,7 +13,7 @@ from slamgym.core.errors import InputFileError, SlamgymError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from slamgym.drawing import load_floor_model, make_drawing
 from slamgym.drawing.confidence import confidences, wall_signs
-from slamgym.drawing.contours import trace_outlines
+from slamgym.drawing.contours import trace_outlines, trace_patches
 from slamgym.drawing.evidence import Evidence
 from slamgym.drawing.polygons import without_necks
 from slamgym.drawing.walls import WallPiece
@@ -291,6 +291,21 @@ def replace_column(image):
     """The same image with nothing above or below the floor in its last column."""
     image[:5, 19] = image[15:, 19] = 0.0
     return image
+
+
+def test_patches_are_what_outlines_and_their_holes_leave():
+    cells = np.random.default_rng(0).random((40, 50)) < 0.6
+    frame = GridFrame(0.05, 1.0, 2.0, 40, 50)
+    rings = trace_outlines(cells.astype(np.float32), frame, 0.0, 0.0)
+    patches = trace_patches(cells, frame, 0.0)
+    assert shapely.is_valid(patches).all()
+    assert sum(len(patch.interiors) for patch in patches) > 20
+    outlines = shapely.get_rings(patches)
+    assert {ring.normalize().wkb for ring in outlines} == {ring.normalize().wkb for ring in rings}
+    signed = sum(
+        shapely.area(shapely.polygons(ring)) * (1 if ring.is_ccw else -1) for ring in rings
+    )
+    assert shapely.area(patches).sum() == pytest.approx(signed)
 
 
 def test_walls_are_sorted_into_layers_by_the_settings():

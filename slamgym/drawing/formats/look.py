@@ -250,7 +250,9 @@ def place_labels(
         second = third = None
         for label in _tries(one, letters, turned):
             box = label.box(letters)
-            if shapely.intersects(box, taken).any():
+            # Of a thousand boxes few are near.
+            near = (low <= box.bounds[2:]).all(axis=1) & (high >= box.bounds[:2]).all(axis=1)
+            if shapely.intersects(box, taken[near]).any():
                 continue
             if inside.covers(box):
                 return label, box
@@ -261,14 +263,15 @@ def place_labels(
 
     labels = list[DrawnLabel]()
     shown = list[Dimension]()
-    taken = list[BaseGeometry]()
-    for one in wanted:
+    taken = np.full(len(wanted), None, np.object_)
+    low, high = np.full((2, len(wanted), 2), np.nan)
+    for number, one in enumerate(wanted):
         place = best(one)
         if place is None:
             continue
-        label, box = place
+        label, taken[number] = place
+        low[number], high[number] = np.reshape(taken[number].bounds, (2, 2))
         labels.append(label)
-        taken.append(box)
         if label.kind == "size":
             shown.append(one.line)
     return labels, shown

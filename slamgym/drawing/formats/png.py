@@ -12,7 +12,6 @@ from slamgym.core.geometry import unit_vectors
 from slamgym.core.progress import counted
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, ByteArray, FloatArray, GridFrame
 from slamgym.drawing.drawing import Drawing
-from slamgym.drawing.evidence import values_at
 from slamgym.drawing.formats.look import (
     DRAWN_COLOURS,
     KEY_HEIGHT,
@@ -88,10 +87,15 @@ def _frame(sheet: Sheet, metres_per_px: float) -> GridFrame:
 
 def _cells_below(drawing: Drawing, frame: GridFrame) -> ByteArray:
     """The map's cells under the pixels of a picture; free below the legend."""
-    sheet_places = frame.to_points(*np.indices(frame.shape))
+    corners = frame.to_points(np.array([0, 0, 1]), np.array([0, 1, 0]))
     back = np.radians(-turn_deg(drawing))
-    places = sheet_places @ unit_vectors(np.array([back, back + 0.5 * np.pi]))
-    cells = values_at(drawing.grid.cells, drawing.grid.frame, places, UNKNOWN)
+    places = corners @ unit_vectors(np.array([back, back + 0.5 * np.pi]))
+    first, right, down = frame_pixels(places, drawing.grid.frame, 1.0) - 0.5
+    to_map = np.column_stack([right - first, down - first, first])
+    nearest = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
+    cells = cv2.warpAffine(
+        drawing.grid.cells, to_map, frame.shape[::-1], flags=nearest, borderValue=UNKNOWN
+    )
     legend_px = round(KEY_HEIGHT * _LETTER_PX)
     cells[-legend_px:] = FREE
     return cells

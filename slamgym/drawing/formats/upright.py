@@ -1,7 +1,6 @@
 """A drawing turned so that its main walls lie along the sheet: a robot's map often lies askew in its frame."""
 
 import dataclasses
-from collections.abc import Sequence
 from typing import Any, TypeVar
 
 import shapely
@@ -10,8 +9,8 @@ from shapely import affinity
 from slamgym.drawing.drawing import Drawing, Segment
 
 _Shape = TypeVar("_Shape", bound=shapely.Geometry)
-_TURNED = ("walls", "doors", "rooms", "dimensions", "questions")
-"""Fields of a drawing that hold records."""
+_TURNED = ("walls", "doors", "rooms", "dimensions", "questions", "inferred_floor", "left_out")
+"""Fields of a drawing that hold records or shapes."""
 
 
 def turn_deg(drawing: Drawing) -> float:
@@ -26,7 +25,7 @@ def turn_facts(drawing: Drawing) -> dict[str, Any]:
 
 def turned_shape(shape: _Shape, angle_deg: float) -> _Shape:
     """A shape turned counter-clockwise about the origin of the map."""
-    return affinity.rotate(shape, angle_deg, origin=(0.0, 0.0)) if angle_deg else shape
+    return affinity.rotate(shape, angle_deg, origin=(0.0, 0.0))
 
 
 def upright(drawing: Drawing) -> Drawing:
@@ -34,12 +33,11 @@ def upright(drawing: Drawing) -> Drawing:
     angle = turn_deg(drawing)
     if not angle:
         return drawing
-    changes: dict[str, Any] = {"floor": turned_shape(drawing.floor, angle)}
-    for name in _TURNED:
-        changes[name] = tuple(_turned_record(record, angle) for record in getattr(drawing, name))
-    changes["inferred_floor"] = _all(drawing.inferred_floor, angle)
-    changes["left_out"] = _all(drawing.left_out, angle)
-    return dataclasses.replace(drawing, angle_deg=0.0, **changes)
+    changes: dict[str, Any] = {
+        name: tuple(_turned(part, angle) for part in getattr(drawing, name)) for name in _TURNED
+    }
+    floor = turned_shape(drawing.floor, angle)
+    return dataclasses.replace(drawing, angle_deg=0.0, floor=floor, **changes)
 
 
 def said_turn(drawing: Drawing) -> str:
@@ -48,12 +46,10 @@ def said_turn(drawing: Drawing) -> str:
     return f", then turned by {-angle:.3f} degrees about the origin" if angle else ""
 
 
-def _all(shapes: Sequence[_Shape], angle_deg: float) -> tuple[_Shape, ...]:
-    return tuple(turned_shape(shape, angle_deg) for shape in shapes)
-
-
-def _turned_record(record: Any, angle_deg: float) -> Any:
-    """A wall, a door, a room or a line, turned."""
+def _turned(record: Any, angle_deg: float) -> Any:
+    """A wall, a door, a room, a line or a shape, turned."""
+    if isinstance(record, shapely.Geometry):
+        return turned_shape(record, angle_deg)
     changes: dict[str, Any] = {}
     if isinstance(record, Segment):
         changes["start"], changes["end"] = turned_shape(record.line, angle_deg).coords
