@@ -13,7 +13,7 @@ import tyro
 from slamgym.cad.plan_formats import PLANS_HELP
 from slamgym.commands.frame import MaybeOut, Out
 from slamgym.core.config import Arguments, Count
-from slamgym.core.errors import ConfigError, PlanError
+from slamgym.core.errors import ConfigError, InputFileError, PlanError
 from slamgym.core.files import spare_inputs, write_text
 from slamgym.core.names import as_file_name, is_file_name
 from slamgym.core.progress import counted, say, tell
@@ -54,7 +54,7 @@ class DrawPlans(_Selection):
     """Draw plans on one picture: rooms coloured by use, doors marked, a scale bar each."""
 
     out: Out = Path("plans.png")
-    """The picture."""
+    """The picture, .png or .jpg."""
 
 
 class WritePlans(_Selection):
@@ -173,6 +173,8 @@ def draw_command(arguments: DrawPlans) -> int:
     from slamgym.viz.canvas import write_picture
     from slamgym.viz.plan_pictures import draw_plan_sheet
 
+    if arguments.out.suffix.lower() not in (".png", ".jpg", ".jpeg"):
+        raise InputFileError(arguments.out, "would be no picture; end its name in .png or .jpg")
     found, rejections = _usable(arguments)
     plans = list(found)
     spare_inputs([Path(plan.source) for plan in plans], arguments.out)

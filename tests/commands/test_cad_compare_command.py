@@ -91,6 +91,7 @@ def test_another_building_gives_another_exit_code(files, capsys):
     [
         (["no.dxf", "built.yaml"], "no.dxf"),
         (["flat.geojson", "no.yaml"], "no.yaml"),
+        (["built.yaml", "flat.geojson"], "name it before built.yaml"),
         (["flat.geojson", "built.pgm", "--resolution", "0"], "--resolution"),
         (["flat.geojson", "built.yaml", "--layers", "A"], "--layers needs a DXF"),
         (["flat.geojson", "built.yaml", "--storey", "Attic"], "Attic"),

@@ -106,6 +106,12 @@ def test_draw_makes_a_sheet(folder, tmp_path):
     assert len(np.unique(sheet.reshape(-1, 3), axis=0)) > 20
 
 
+def test_a_sheet_is_no_vector_drawing(folder, tmp_path):
+    with pytest.raises(InputFileError, match=r"end its name in \.png or \.jpg"):
+        main(["draw", str(folder), "--out", str(tmp_path / "sheet.svg")])
+    assert not list(tmp_path.glob("sheet*"))
+
+
 def test_a_drawing_shows_floor_walls_and_doors_with_y_up():
     plan = generate_plan(0)
     picture = draw_floor_plan(plan, 300)

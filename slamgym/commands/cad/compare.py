@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from slamgym.cad.plan_formats import PLAN_FILES
+from slamgym.cad.plan_formats import PLAN_FILES, plan_format
 from slamgym.commands.frame import Out, require_folder, require_plan, show_table
 from slamgym.commands.settings import AllSettings, SettingsOptions
 from slamgym.core.config import Arguments, Positive
+from slamgym.core.errors import InputFileError
 from slamgym.core.files import write_text
 from slamgym.core.progress import say, tell
 from slamgym.drawing.settings import ComparisonConfig
@@ -57,10 +58,14 @@ def main(arguments: CompareArguments, typed: str) -> int:
     from slamgym.drawing.comparison.picture import draw_comparison
     from slamgym.drawing.comparison.records import write_comparison
     from slamgym.drawing.comparison.report import format_comparison
-    from slamgym.interop.map_files import read_map
+    from slamgym.interop.map_files import MAP_SUFFIXES, read_map
     from slamgym.viz.canvas import write_picture
 
     require_folder(arguments.out)
+    if plan_format(arguments.map.name) and arguments.map.suffix.lower() not in MAP_SUFFIXES:
+        raise InputFileError(
+            arguments.map, f"is a floor plan and no map; name it before {arguments.plan}"
+        )
     config = arguments.settings.configured(ComparisonConfig(), {})
     plan = _read_plan(arguments)
     robot_map = read_map(arguments.map, arguments.resolution)
