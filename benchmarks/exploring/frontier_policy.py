@@ -10,6 +10,7 @@ shipped policy together, whose intervals hold for other plans and other seeds.
 
 import csv
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from slamgym.agents.evaluation.report import with_bounds
 from slamgym.agents.evaluation.summary import DONE, censored, succeeded
 from slamgym.agents.evaluation.trial import Trial
 from slamgym.agents.pretrained_policy import read_policy
+from slamgym.agents.rl.train_config import POLICY
 from slamgym.cad import open_plans
 from slamgym.core.intervals import crossed_mean, crossed_ratio, mean_interval, ratio_of_means
 from slamgym.core.parallel.engine import Execution
@@ -54,14 +56,14 @@ class Arguments:
     """Decides plans, starts and noise."""
     out: Path = Path("out/frontier_policy")
     """Folder of the explorations."""
-    run: Path | None = None
-    """Folder of a training, whose curve is drawn into the docs."""
+    runs: tuple[Path, ...] = ()
+    """Folders of trainings, whose curves are drawn into the docs."""
 
 
 def main() -> None:
     arguments = tyro.cli(Arguments)
-    if arguments.run is not None:
-        draw_curve(arguments.run)
+    if arguments.runs:
+        draw_curves(arguments.runs)
     seeds = {f"rl:{path}": seed_of(path) for path in arguments.trainings}
     names = (*arguments.explorers.split(","), *seeds)
     config = EvaluationConfig(explorers=names, count=arguments.count, seed=arguments.seed)
@@ -79,24 +81,27 @@ def main() -> None:
     print_and_save("exploring/frontier_policy", title, rows, list(rows[0]), MODULES)
 
 
-def draw_curve(run: Path) -> None:
-    """Draw how explorations of a training became shorter, from its log."""
+def draw_curves(runs: Sequence[Path]) -> None:
+    """Draw how explorations of trainings became shorter, from their logs, of which each resumption begins another."""
     import matplotlib as mpl
 
     mpl.use("agg")
     from matplotlib import pyplot as plt
 
-    (log,) = run.glob("log/*/progress.csv")
-    with log.open() as file:
-        rows = list(csv.DictReader(file))
-    minutes = [float(row["time/time_elapsed"]) / 60.0 for row in rows]
     _, (above, below) = plt.subplots(2, 1, sharex=True, figsize=(7.0, 4.0), layout="tight")
-    above.plot(minutes, [float(row["rollout/episode_seconds"]) for row in rows])
+    for run in runs:
+        rows: list[dict[str, str]] = []
+        for log in sorted(run.glob("log/*/progress.csv"), key=lambda path: int(path.parent.name)):
+            rows += csv.DictReader(log.open())
+        decisions = [float(row["time/total_timesteps"]) for row in rows]
+        seconds = [float(row["rollout/episode_seconds"]) for row in rows]
+        above.plot(decisions, seconds, label=seed_of(run / POLICY))
+        below.plot(decisions, [100.0 * float(row["rollout/episode_coverage"]) for row in rows])
+    above.legend()
     above.set_ylabel("robot time [s]")
     above.set_ylim(bottom=0.0)
-    below.plot(minutes, [100.0 * float(row["rollout/episode_coverage"]) for row in rows])
     below.set_ylabel("floor seen [%]")
-    below.set_xlabel("minutes of training; means over the last 100 explorations")
+    below.set_xlabel("decisions; means over the last 100 explorations")
     plt.savefig(CURVE, dpi=100)
 
 
