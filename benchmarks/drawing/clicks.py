@@ -39,7 +39,7 @@ MODULES = ("slamgym/drawing",)
 """What is measured."""
 MAPS = 6
 RAISED = 1.2
-"""Of the constants, as all folds choose it."""
+"""Of the constants, as all folds chose it when the clicks were counted."""
 SAME_PLACE = 0.6
 """A boundary that is drawn or corrected so near to a true one is that one [m]."""
 COLUMNS = (
