@@ -19,7 +19,7 @@ from slamgym.drawing import make_drawing, write_drawing
 from slamgym.drawing.drawing import DrawnDoor, DrawnWall
 from slamgym.drawing.formats.chains import dimension_chains
 from slamgym.drawing.formats.html import format_html
-from slamgym.drawing.formats.look import DRAWN_COLOURS, place_labels
+from slamgym.drawing.formats.look import DRAWN_COLOURS, label_boxes, place_labels
 from slamgym.drawing.formats.png import draw_picture
 from slamgym.drawing.formats.straight_walls import straight_walls
 
@@ -157,7 +157,7 @@ def test_png_shows_floor_walls_and_doors(drawing):
 @pytest.mark.parametrize("turned", [False, True])
 def test_labels_never_overlap(drawing, height, turned):
     labels, lines = place_labels(drawing, height, turned)
-    boxes = [label.box(height) for label in labels]
+    boxes = label_boxes(labels, height)
     assert not any(a.intersects(b) for a, b in itertools.combinations(boxes, 2))
     assert [label.words for label in labels if label.kind == "size"] == [
         f"{line.length:.2f}" for line in lines

@@ -1,7 +1,6 @@
 """The look of a drawing in pictures and pages: colours, what they mean, and where its words stand."""
 
-import cmath
-import math
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from string import Template
@@ -9,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 from shapely import LineString, MultiLineString, Polygon
-from shapely.geometry.base import BaseGeometry
 
 from slamgym.drawing.drawing import Dimension, Drawing, DrawnPoint, DrawnRoom
 from slamgym.drawing.settings import MARGIN
@@ -120,16 +119,6 @@ class DrawnLabel(NamedTuple):
     turn: float = 0.0
     """Counter-clockwise [deg]."""
 
-    def box(self, letters: float) -> BaseGeometry:
-        """The rectangle that it takes, with letters of a height [m]."""
-        half = complex(0.5 * LETTER_WIDTH * letters * len(self.words), 0.65 * letters)
-        turn = cmath.rect(1.0, math.radians(self.turn))
-        middle = complex(*self.at)
-        corners = [
-            middle + turn * corner for corner in (half, -half.conjugate(), -half, half.conjugate())
-        ]
-        return Polygon([(corner.real, corner.imag) for corner in corners])
-
 
 class Sheet(NamedTuple):
     """The part of the map's frame that a picture of the drawing shows."""
@@ -233,48 +222,43 @@ def place_labels(
     """
     width = LETTER_WIDTH * letters
     lines = [line for line in drawing.dimensions if width * len(_figure(line)) <= 0.8 * line.length]
-    strokes = shapely.union_all([line.line for line in lines])
-    floor = drawing.floor
-    inside = floor.difference(strokes.buffer(0.1 * letters))
     wanted = [_name(room, width) for room in drawing.rooms]
     wanted += [_Wanted(_figure(line), "size", line) for line in lines]
     for number, door in enumerate(drawing.doors, 1):
         name = f"D{number}"
         wanted.append(_Wanted(name, "number", Dimension(door.start, door.end, name)))
-
-    shapely.prepare(inside)
-    shapely.prepare(floor)
-
-    def best(one: _Wanted) -> tuple[DrawnLabel, BaseGeometry] | None:
-        """The first of its free places that covers neither lines nor walls, or no walls, or any."""
-        second = third = None
-        for label in _tries(one, letters, turned):
-            box = label.box(letters)
-            # Of a thousand boxes few are near.
-            near = (low <= box.bounds[2:]).all(axis=1) & (high >= box.bounds[:2]).all(axis=1)
-            if shapely.intersects(box, taken[near]).any():
-                continue
-            if inside.covers(box):
-                return label, box
-            if second is None and floor.covers(box):
-                second = label, box
-            third = third or (label, box)
-        return second or third
-
-    labels = list[DrawnLabel]()
+    tries = [list(_tries(one, letters, turned)) for one in wanted]
+    labels = list(itertools.chain(*tries))
+    boxes = label_boxes(labels, letters)
+    shapely.prepare(drawing.floor)
+    strokes = shapely.STRtree([line.line for line in lines])
+    crosses = np.zeros(len(boxes), np.bool_)
+    crosses[strokes.query(boxes, "dwithin", 0.1 * letters)[0]] = True
+    # 0 on clear floor, 1 across a line, 2 over a wall, 3 where another label stands.
+    rank = np.where(shapely.covers(drawing.floor, boxes), crosses, 2)
+    tree = shapely.STRtree(boxes)
+    placed = list[DrawnLabel]()
     shown = list[Dimension]()
-    taken = np.full(len(wanted), None, np.object_)
-    low, high = np.full((2, len(wanted), 2), np.nan)
-    for number, one in enumerate(wanted):
-        place = best(one)
-        if place is None:
+    ends = np.cumsum([len(own) for own in tries])
+    for one, own in zip(wanted, np.split(np.arange(len(boxes)), ends[:-1]), strict=False):
+        best = own[rank[own].argmin()]
+        if rank[best] > 2:
             continue
-        label, taken[number] = place
-        low[number], high[number] = np.reshape(taken[number].bounds, (2, 2))
-        labels.append(label)
-        if label.kind == "size":
+        rank[tree.query(boxes[best], "intersects")] = 3
+        placed.append(labels[best])
+        if one.kind == "size":
             shown.append(one.line)
-    return labels, shown
+    return placed, shown
+
+
+def label_boxes(labels: Sequence[DrawnLabel], letters: float) -> NDArray[np.object_]:
+    """The rectangles that labels take, with letters of a height [m]."""
+    at = np.array([label.at for label in labels]).reshape(-1, 2) @ (1.0, 1j)
+    turn = np.exp(1j * np.radians([label.turn for label in labels]))
+    across = 0.5 * LETTER_WIDTH * letters * np.array([len(label.words) for label in labels])
+    up = 0.65j * letters
+    corners = np.stack([across + up, up - across, -across - up, across - up]) * turn + at
+    return np.asarray(shapely.polygons(np.stack([corners.real.T, corners.imag.T], axis=2)))
 
 
 class _Wanted(NamedTuple):
