@@ -19,7 +19,7 @@ from slamgym.drawing.settings import USUAL_CELL
 from slamgym.metrics.cleaning import fill_furniture
 from slamgym.metrics.layers import DOOR_DEPTH, MapLayers
 from slamgym.metrics.maps import distance_to
-from slamgym.metrics.rooms import MAX_NARROWING, NARROWEST_ROOM, WIDEST_DOORWAY, label_rooms
+from slamgym.metrics.rooms import MAX_NARROWING, NARROWEST_ROOM, WIDEST_DOORWAY, Landscape
 
 Signs = dict[str, FloatArray]
 """Values of N lines, (N,), by the names of the signs."""
@@ -77,17 +77,13 @@ class Surroundings:
         rows, cols = free.shape
         lower = rows * cell - grid.frame.height_px * grid.frame.resolution
         frame = GridFrame(cell, grid.frame.origin_x, grid.frame.origin_y - lower, rows, cols)
-        to_wall = distance_to(np.pad(~free, 1, constant_values=True))[1:-1, 1:-1]
         filled = fill_furniture(free, LONE_THINGS / cell)
+        spaces = [Landscape.of(space, cell) for space in (free, filled)]
         basins = [
-            label_rooms(space, cell, *rule)
-            for space in (free, filled)
-            for rule in (PLAIN_WATERSHED, DOORWAY_RULE)
+            space.rooms(*rule) for space in spaces for rule in (PLAIN_WATERSHED, DOORWAY_RULE)
         ]
-        clearance = cell * np.maximum(to_wall - 0.5, 0.0)
-        return Surroundings(
-            frame, free, clearance, cell * distance_to(occupied), tuple(basins), angle_deg
-        )
+        to_echo = cell * distance_to(occupied)
+        return Surroundings(frame, free, spaces[0].clearance, to_echo, tuple(basins), angle_deg)
 
     def at(self, picture: np.ndarray, places: FloatArray, beyond: float = 0.0) -> FloatArray:
         """Values of one of the pictures under places (..., 2) [m]."""

@@ -58,41 +58,57 @@ def label_rooms(
     Returns:
         Shape (rows, cols): 0 where there is no room, else 1 to the number of rooms.
     """
-    is_free = np.pad(free, 1)
-    image = is_free.astype(np.uint8)
-    distance = cv2.distanceTransform(image, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    # A wall's face lies half a cell before its first cell.
-    exact = distance.astype(np.float64)
-    from_face = (exact - 0.5) * metres_per_px
-    radius = np.where(is_free, from_face, 0.0)
-    cells = np.flatnonzero(is_free)
-    heights = radius.ravel()[cells]
-    from_top = np.argsort(-heights, kind="stable")
-    order = cells[from_top]
-    parts = _flood(
-        radius,
-        order.astype(np.int64),
-        widest_doorway / 2.0,
-        max_narrowing,
-        narrowest_room / 2.0,
-        SMALLEST_ROOM_AREA / metres_per_px**2,
-    )
-    root_of_cell = parts.ravel()[cells]
-    roots = cells[root_of_cell == cells]
-    label_of_root = np.zeros(parts.size, np.int64)
-    label_of_root[roots] = np.arange(1, len(roots) + 1)  # 0: outside
-    label_of_cell = label_of_root[root_of_cell]
-    sizes = np.bincount(label_of_cell, minlength=1) * metres_per_px**2
-    widest = np.zeros(len(sizes))
-    np.maximum.at(widest, label_of_cell, heights)
-    is_large = sizes >= SMALLEST_ROOM_AREA
-    is_wide = widest >= narrowest_room / 2.0
-    is_room = is_large & is_wide
-    is_room[0] = False  # outside
-    numbers = np.where(is_room, np.cumsum(is_room), 0)
-    numbered = np.zeros(free.shape, np.int64)
-    numbered[free] = numbers[label_of_cell]
-    return numbered
+    landscape = Landscape.of(free, metres_per_px)
+    return landscape.rooms(widest_doorway, max_narrowing, narrowest_room)
+
+
+@dataclass(frozen=True)
+class Landscape:
+    """The free cells of a map by their distance from walls, in which rooms are found by one rule or several."""
+
+    free: BoolArray
+    metres_per_px: float
+    clearance: FloatArray
+    """Distance of each cell from the nearest wall's face, which lies half a cell before its first cell [m]."""
+    order: IntArray
+    """Flat indices of the free cells, from the highest on, in the picture with a border of one cell."""
+
+    @staticmethod
+    def of(free: BoolArray, metres_per_px: float) -> "Landscape":
+        """Prepare a map of a scale [m]."""
+        is_free = np.pad(free, 1)
+        image = is_free.astype(np.uint8)
+        distance = cv2.distanceTransform(image, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        exact = distance[1:-1, 1:-1].astype(np.float64)
+        clearance = np.where(free, (exact - 0.5) * metres_per_px, 0.0)
+        from_top = np.argsort(-clearance[free], kind="stable")
+        return Landscape(free, metres_per_px, clearance, np.flatnonzero(is_free)[from_top])
+
+    def rooms(self, widest_doorway: float, max_narrowing: float, narrowest_room: float) -> IntArray:
+        """The rooms, as those of :func:`label_rooms`."""
+        cell = self.metres_per_px**2
+        parts = _flood(
+            np.pad(self.clearance, 1),
+            self.order,
+            widest_doorway / 2.0,
+            max_narrowing,
+            narrowest_room / 2.0,
+            SMALLEST_ROOM_AREA / cell,
+        )
+        root_of_cell = parts[1:-1, 1:-1][self.free]
+        roots = np.flatnonzero(np.bincount(root_of_cell, minlength=1))
+        label_of_root = np.zeros(parts.size, np.int64)
+        label_of_root[roots] = np.arange(1, len(roots) + 1)  # 0: outside
+        label_of_cell = label_of_root[root_of_cell]
+        sizes = np.bincount(label_of_cell, minlength=1) * cell
+        widest = np.zeros(len(sizes))
+        np.maximum.at(widest, label_of_cell, self.clearance[self.free])
+        is_room = (sizes >= SMALLEST_ROOM_AREA) & (widest >= narrowest_room / 2.0)
+        is_room[0] = False  # outside
+        numbers = np.where(is_room, np.cumsum(is_room), 0)
+        numbered = np.zeros(self.free.shape, np.int64)
+        numbered[self.free] = numbers[label_of_cell]
+        return numbered
 
 
 def room_score(free: BoolArray, true_free: BoolArray, metres_per_px: float) -> RoomScore:
