@@ -41,7 +41,7 @@ TOKENS: dict[str, int] = {
     "core": 19333,
     "dataset": 29248,
     "drawing": 45326,
-    "envs": 40980,
+    "envs": 40793,
     "gan": 28346,
     "interop": 18879,
     "metrics": 15192,
