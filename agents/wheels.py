@@ -29,7 +29,7 @@ from slamgym.planning.path_follower import PathFollower
 WHEELS = Path(__file__).parent / "pretrained" / "wheels_policy.safetensors"
 """The policy that comes with the package."""
 
-LAYERS = ("first", "second", "action")
+WHEELS_LAYERS = ("first", "second", "action")
 """Names of the network's layers."""
 CLIP = 5.0
 """Normalised observations are cut off here."""
@@ -77,14 +77,16 @@ class WheelsPolicy:
     @functools.cached_property
     def _layers(self) -> dict[str, Float32Array]:
         """The weights of each layer as :func:`product` takes them, (inputs, outputs)."""
-        return {name: np.ascontiguousarray(self.weights[f"{name}.weight"].T) for name in LAYERS}
+        return {
+            name: np.ascontiguousarray(self.weights[f"{name}.weight"].T) for name in WHEELS_LAYERS
+        }
 
 
 def wheels_shapes() -> dict[str, tuple[int, ...]]:
     """Names and shapes of the weights."""
     size = compact_size(SCAN_SECTORS) + FAR_SIZE
     first, second = LAYER_UNITS
-    layers = zip(LAYERS, ((size, first), (first, second), (second, 2)), strict=True)
+    layers = zip(WHEELS_LAYERS, ((size, first), (first, second), (second, 2)), strict=True)
     return {"mean": (size,), "variance": (size,), **linear_shapes(dict(layers))}
 
 

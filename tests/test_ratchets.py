@@ -76,7 +76,7 @@ MORE_ATTRIBUTES: dict[str, int] = {
     "slamgym.dataset.record.PairRecord": 28,
     "slamgym.envs.batch.arrays.Robots": 18,
     "slamgym.envs.batch.arrays.Scenes": 20,
-    "slamgym.envs.explore_frontiers_env.ExploreFrontiersEnv": 18,
+    "slamgym.envs.explore_frontiers_env.ExploreFrontiersEnv": 17,
     "slamgym.envs.records.StepRecord": 28,
     "slamgym.envs.rewards.RewardConfig": 16,
     "slamgym.planning.exploration_loop.ExplorationLoop": 16,

@@ -16,7 +16,7 @@ from slamgym.agents.rl.batch_vec_env import BatchVecEnv
 from slamgym.agents.rl.environments import explore_plan, make_batch, mean_figures
 from slamgym.agents.rl.run import PolicyLearner, learn_policy
 from slamgym.agents.rl.train_config import DISCOUNT, HOLD, LAYER_UNITS, WheelsConfig
-from slamgym.agents.wheels import CLIP, LAYERS, WheelsPolicy, write_wheels
+from slamgym.agents.wheels import CLIP, WHEELS_LAYERS, WheelsPolicy, write_wheels
 from slamgym.cad import FloorPlan
 from slamgym.envs.rewards import RewardTerms
 
@@ -106,7 +106,7 @@ class WheelsLearner(PolicyLearner[WheelsConfig]):
             "mean": statistics.mean.astype(np.float32),
             "variance": statistics.var.astype(np.float32),
         }
-        for name, layer in zip(LAYERS, _layers(model.policy), strict=True):
+        for name, layer in zip(WHEELS_LAYERS, _layers(model.policy), strict=True):
             for part, value in layer.state_dict().items():
                 weights[f"{name}.{part}"] = value.numpy()
         write_wheels(path, WheelsPolicy(weights, self.about(model)))
