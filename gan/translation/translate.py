@@ -153,11 +153,10 @@ class LearnedTranslator:
         straight = turned(padded, -angle)
         image = self._fitted(straight, UNKNOWN, metres_per_px)
         if angle and not straighten:
-            back = [turned_probability(channel, angle) for channel in _shares(image)]
-            image = _encoded(np.stack(back))
+            shares = [turned_probability(channel, angle) for channel in _shares(image)]
+            image = _encoded(np.stack(shares))
         rows, cols = slam.shape
-        above = (padded.shape[0] - rows) // 2
-        left = (padded.shape[1] - cols) // 2
+        above, left = np.subtract(padded.shape, slam.shape) // 2
         return image[:, above : above + rows, left : left + cols]
 
     def translate_cells(
