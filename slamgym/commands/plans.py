@@ -173,11 +173,11 @@ def draw_command(arguments: DrawPlans) -> int:
     from slamgym.viz.canvas import write_picture
     from slamgym.viz.plan_pictures import draw_plan_sheet
 
-    if arguments.out.suffix.lower() not in (".png", ".jpg", ".jpeg"):
-        raise InputFileError(arguments.out, "would be no picture; end its name in .png or .jpg")
     found, rejections = _usable(arguments)
     plans = list(found)
     spare_inputs([Path(plan.source) for plan in plans], arguments.out)
+    if arguments.out.suffix.lower() not in (".png", ".jpg", ".jpeg"):
+        raise InputFileError(arguments.out, "would be no picture; end its name in .png or .jpg")
     if plans:
         write_picture(arguments.out, draw_plan_sheet(plans))
         tell(f"{counted(len(plans), 'plan')} drawn: {arguments.out}")
