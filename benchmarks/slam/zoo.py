@@ -309,10 +309,9 @@ def log_figures(
     row: dict[str, Any] = {
         f"{mode} error [m]": round(statistics.median(errors), 3) if errors else None,
         f"{mode} walls [deg]": round(walls, 1),
+        f"{mode} worst [m]": round(max(errors), 3) if len(errors) > 1 else None,
         f"{mode} [ms]": round(each, 2),
     }
-    if len(results) > 1:
-        row[f"{mode} worst [m]"] = round(max(errors), 3) if errors else None
     if mode != KARTO:
         verdicts = [result.verdict for result in results]
         row[f"{mode} says"] = max(verdicts, key=VERDICTS.index)
