@@ -2,6 +2,7 @@
 
 import csv
 import json
+from pathlib import Path
 
 import cv2
 import drawn_flat as flat
@@ -59,6 +60,14 @@ def test_a_moved_wall_is_reported(files, capsys, plan):
     assert "://" not in page
     assert all(row["what"] in page for row in rows)
     assert f"slamgym cad compare {files / plan}" in page
+
+
+def test_a_map_compared_with_itself_has_no_changes(tmp_path):
+    """Its outline is that of the floor that was seen: where that ends in the open, a wall may stand further back."""
+    robot_map = str(Path(__file__).parents[2] / "docs" / "images" / "robot_map.yaml")
+    assert main(["cad", "compare", robot_map, robot_map, "-o", str(tmp_path / "out")]) == 0
+    document = json.loads((tmp_path / "out" / "comparison.json").read_text())
+    assert document["changes"] == []
 
 
 def test_another_building_gives_another_exit_code(files, capsys):
