@@ -9,7 +9,7 @@ from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from slamgym.sim.raycast import cast_rays
 from slamgym.slam.branch_and_bound import block_score, maxima, search_blocks, turned_cells
 from slamgym.slam.config import SlamConfig
-from slamgym.slam.end_points import NORMAL_GAP, surface_normals
+from slamgym.slam.end_points import NORMAL_GAP, surface_normals, surfaces_going_on
 from slamgym.slam.graph.alignment import FACES, AlignmentTarget
 from slamgym.slam.graph.matching import SearchWindow, score_levels
 from slamgym.slam.graph.submaps import (
@@ -264,6 +264,20 @@ def test_a_wall_seen_by_few_beams_has_lines_between_them_but_not_across_a_door()
     alone = Submap(0, 5.0)
     alone.add(np.zeros(3), seen._replace(sides=np.minimum(seen.sides, HAS_NORMAL)))
     assert len(alone.lines().points) < 0.5 * len(lines)
+
+
+def test_a_wall_seen_from_far_aside_does_not_go_on_across_a_door():
+    """Neighbouring beams meet it before and behind the door, 0.9 m apart on one line."""
+    step = np.radians(0.5)
+    normals = np.tile([0.0, -1.0], (12, 1))
+    ahead = 12.0 - 0.9 * np.arange(12)
+    along = np.column_stack([ahead, np.full(12, 1.0)])
+    turns = np.diff(np.arctan2(along[:, 1], along[:, 0]))
+    assert (turns[:2] < step).all()
+    goes_on = surfaces_going_on(along, normals, np.zeros(2), step)
+    assert not goes_on[:2].any()
+    near = np.column_stack([np.linspace(0.9, 0.9 - 11 * 0.02, 12), np.full(12, 1.0)])
+    assert surfaces_going_on(near, normals, np.zeros(2), np.radians(1.0))[:-1].all()
 
 
 # --- the particle filter's matcher
