@@ -120,6 +120,7 @@ class RecentScans:
 
     def __init__(self, geometry: LaserGeometry) -> None:
         self._beams = BeamTable.of(geometry, SlamConfig(max_usable_range=TRACKED_RANGE))
+        self._reach = min(TRACKED_RANGE, geometry.range_max)
         self._submaps: list[Submap] = []  # the newest two
         self._frames: list[FloatArray] = []  # their poses
         self._keyframe = np.zeros(3)  # where a scan was last drawn
@@ -148,13 +149,13 @@ class RecentScans:
     ) -> FloatArray:
         """The pose (3,) about another, known to within deviations (2,) [m], [rad], at which a scan fits best."""
         window = np.clip(deviations, LEAST_WIDTH, MOST_WIDTH)
-        place, _ = SearchWindow(self._target(), centre, window, TRACKED_RANGE).search(seen, 0.0)
+        place, _ = SearchWindow(self._target(), centre, window, seen.reach).search(seen, 0.0)
         return place
 
     def draw(self, seen: OrientedPoints, pose: FloatArray) -> None:
         """Draw a scan, taken at a pose (3,), into the newest submap, or into a new one."""
         if not self._submaps or len(self._submaps[-1].poses) >= KEYFRAMES:
-            newest = Submap(0, TRACKED_RANGE + KEYFRAMES * MOST_WIDTH)
+            newest = Submap(0, self._reach + KEYFRAMES * MOST_WIDTH)
             self._submaps = [*self._submaps[-1:], newest]
             self._frames = [*self._frames[-1:], pose]
         self._submaps[-1].add(seen_from(self._frames[-1], pose), seen)
