@@ -97,40 +97,34 @@ def surface_normals(points: FloatArray, limits: FloatArray) -> FloatArray:
 
 @kernel
 def surfaces_going_on(
-    points: FloatArray, normals: FloatArray, mount: FloatArray, spacing: float
+    points: FloatArray,
+    normals: FloatArray,
+    to_laser: FloatArray,
+    spacings: FloatArray,
+    spacing: float,
 ) -> BoolArray:
     """Whether the straight surface at each point (n,) goes on to the point of the next beam.
 
     Args:
         points: (n, 2) in the order of the beams [m].
         normals: (n, 2), zero where no surface is known.
-        mount: (2,) where the laser is [m].
-        spacing: How far its beams are apart at a distance of 1 m [m].
+        to_laser: (n, 2) unit vectors.
+        spacings: (n,) how far the beams are apart at each point [m].
+        spacing: How far they are apart at a distance of 1 m [m].
     """
     surface_goes_on = np.zeros(len(points), dtype=np.bool_)
     for i in range(len(points) - 1):
         is_straight = normals[i].any() and normals[i + 1].any()
-        if not is_straight or _between_beams(points, mount, i) >= NEXT_BEAM * spacing:
-            continue
-        across, up = points[i] - mount
         gap = _gap(points, i)
-        if gap > GRAZING * spacing * math.hypot(across, up):
+        if not is_straight or gap > GRAZING * spacings[i]:
+            continue
+        if _gap(to_laser, i) >= NEXT_BEAM * spacing:
             continue
         x, y = points[i + 1] - points[i]
         here = abs(x * normals[i, 0] + y * normals[i, 1])
         there = abs(x * normals[i + 1, 0] + y * normals[i + 1, 1])
         surface_goes_on[i] = max(here, there) < BENT_SINE * gap
     return surface_goes_on
-
-
-@kernel
-def _between_beams(points: FloatArray, mount: FloatArray, i: int) -> float:
-    """How far the beams to a point and to the next are apart at a distance of 1 m [m]."""
-    x, y = points[i] - mount
-    next_x, next_y = points[i + 1] - mount
-    near = math.hypot(x, y) + 1e-9
-    far = math.hypot(next_x, next_y) + 1e-9
-    return math.hypot(next_x / far - x / near, next_y / far - y / near)
 
 
 @kernel

@@ -274,10 +274,16 @@ def test_a_wall_seen_from_far_aside_does_not_go_on_across_a_door():
     along = np.column_stack([ahead, np.full(12, 1.0)])
     turns = np.diff(np.arctan2(along[:, 1], along[:, 0]))
     assert (turns[:2] < step).all()
-    goes_on = surfaces_going_on(along, normals, np.zeros(2), step)
-    assert not goes_on[:2].any()
+    assert not going_on(along, normals, step)[:2].any()
     near = np.column_stack([np.linspace(0.9, 0.9 - 11 * 0.02, 12), np.full(12, 1.0)])
-    assert surfaces_going_on(near, normals, np.zeros(2), np.radians(1.0))[:-1].all()
+    assert going_on(near, normals, np.radians(1.0))[:-1].all()
+
+
+def going_on(points, normals, spacing):
+    """Where surfaces go on that a laser at the origin sees."""
+    distances = np.hypot(*points.T)
+    to_laser = -points / distances[:, None]
+    return surfaces_going_on(points, normals, to_laser, spacing * distances, spacing)
 
 
 # --- the particle filter's matcher

@@ -356,15 +356,16 @@ def oriented(points: FloatArray, mount: FloatArray, spacing: float = 0.0) -> Ori
     to_laser[:] = mount - points
     distances = np.hypot(sides[:, 0], sides[:, 1])
     to_laser /= distances[:, None] + 1e-9
-    limits = np.maximum(NORMAL_GAP, OBLIQUE_GAP * spacing * distances)
-    normals = surface_normals(points, limits)
+    spacings = spacing * distances
+    normals = surface_normals(points, np.maximum(NORMAL_GAP, OBLIQUE_GAP * spacings))
+    is_joined = surfaces_going_on(points, normals, to_laser, spacings, spacing)
     # The side of a surface is told by its normal: past a thin wall's end both faces are seen from the same direction.
     is_away = (to_laser * normals).sum(axis=1) < 0.0
     normals[is_away] *= -1.0
     shown = normals.any(axis=1)
     sides[shown, :2] = normals[shown]
     sides[shown, 2] = HAS_NORMAL
-    sides[surfaces_going_on(points, normals, mount, spacing), 2] = JOINED
+    sides[is_joined, 2] = JOINED
     return OrientedPoints(points, sides)
 
 
