@@ -80,7 +80,11 @@ def check_odometry(log: Log, estimate_offset: bool = True, estimate_scan_time: b
     late = _lateness(checked, pairs) if estimate_offset else 0.0
     if late != 0.0:
         side = "late" if late > 0.0 else "early"
-        in_time = retimed(log, late).noting(
+        in_time = retimed(log, late)
+        if estimate_scan_time:
+            # By a wrong clock, turns don't show how long scans take.
+            in_time = with_estimated_scan_time(in_time)
+        in_time = in_time.noting(
             "clock",
             f"the odometry is {abs(late):.2f} s {side}: its stamps are set right "
             "(--time-offset 0 doesn't)",

@@ -20,12 +20,12 @@ from slamgym.slam.scan_time_check import with_estimated_scan_time
 SWEEP = 0.18  # [s], of 0.2 from a scan to the next
 
 
-def swept_scan(stamp, begin, rng):
+def swept_scan(stamp, begin, rng, seconds=SWEEP):
     """A scan that is swept from a moment on [s]."""
     angles = GEOMETRY.angles
     shares = np.linspace(0.0, 1.0, len(angles))
     ranges = np.empty(len(angles))
-    for beam, pose in enumerate(true_poses(begin + SWEEP * shares)):
+    for beam, pose in enumerate(true_poses(begin + seconds * shares)):
         sensor = compose(Pose2D(*pose), GEOMETRY.mount)
         cast_rays(*sensor, angles[beam], 1.0, WALLS, GEOMETRY.range_max, ranges[beam : beam + 1])
     noisy = ranges + 0.01 * rng.standard_normal(len(ranges))
@@ -72,6 +72,43 @@ def test_stamps_of_the_last_beams_are_set_back_and_no_clock_is_blamed():
 @pytest.mark.parametrize("late", [0.2, -0.2])
 def test_a_clock_that_is_wrong_is_not_taken_for_a_laser_that_sweeps(late):
     assert not beam_times(check_odometry(retimed(good_drive(), -late)))
+
+
+FRONT = slice(45, 135)
+"""The beams of half a turn."""
+
+
+def seen_in_front(log):
+    """The log of a laser that sees half a turn."""
+    step = GEOMETRY.angle_increment
+    geometry = GEOMETRY._replace(num_beams=90, angle_min=GEOMETRY.angle_min + FRONT.start * step)
+    records = [
+        record._replace(scan=LaserScan(record.stamp, record.scan.ranges[FRONT], geometry))
+        for record in log
+    ]
+    return dataclasses.replace(log, records=records, geometry=geometry)
+
+
+def swept_steadily():
+    """The log of a laser that turns once a scan and sees half a turn."""
+    rng = np.random.default_rng(3)
+    records = [
+        record._replace(scan=swept_scan(record.stamp, record.stamp - PERIOD / 4, rng, PERIOD))
+        for record in good_drive()
+    ]
+    return seen_in_front(dataclasses.replace(good_drive(), records=records))
+
+
+@pytest.mark.parametrize("late", [0.0, -0.16])
+def test_a_laser_that_turns_steadily_is_told_by_turns_though_its_scans_are_hardly_skewed(late):
+    found = check_odometry(retimed(swept_steadily(), late))
+    assert "beam times" in {finding.kind for finding in found.findings}
+    assert found.geometry.scan_time == pytest.approx(PERIOD / 2, abs=0.01)
+
+
+def test_a_laser_that_sees_half_a_turn_at_once_is_not_taken_for_one_that_turns():
+    found = check_odometry(retimed(seen_in_front(good_drive()), -0.16))
+    assert {finding.kind for finding in found.findings} == {"clock"}
 
 
 def test_what_the_user_or_the_log_says_is_not_estimated():
