@@ -37,10 +37,11 @@ FIELD_FLOOR = (0.025, 0.025, 0.005)
 """No pose on a map of cells of 5 cm is known better than to half of one [m], [m], [rad]."""
 MINIMUM_FIT = 0.6
 """A place that explains a smaller share of the latest scans' beams isn't the robot's ..."""
-PROVEN_FIT = 0.45
-"""... or a smaller one than this once it has led for :data:`PROVEN`: where furniture was moved the right place explains
-less than 0.6 on 5 % of the way. Chosen with four homes and eight days in two more, as the patience is; for places just
-found it would double what is believed in another building."""
+PROVEN_FIT = 0.4
+"""... or a smaller one than this once it has led for :data:`PROVEN`: where all furniture was moved the right place
+explains little. With 0.45, and places that were sure to be proven again after each rival, 90 % of the scans of nine
+days in one home are localised, with this 93.5, in another home, nothing chosen on it, 96.2 and 96.4, in 12 more 42.6
+and 43.7; wrong are 0.74 and 0.75 % in other buildings, 0.28 and 0.34 where the robot was carried off."""
 PROVEN = 10.0
 """[m], counted as :attr:`Hypothesis.led` is."""
 WIDE_SPREAD = 0.15
@@ -155,7 +156,8 @@ def believe(
         if hypothesis is best and is_alone:
             best.led += driven
             best.explained += driven * best.fit
-        else:
+        elif hypothesis is not best or not best.was_sure:
+            # A place that was sure isn't proven again because a rival turned up and lost.
             hypothesis.led = 0.0
             hypothesis.explained = 0.0
     covariance = best.covariance[:3, :3] + np.diag(np.square(FIELD_FLOOR))
