@@ -203,6 +203,8 @@ def between_beams(points: FloatArray, sides: FloatArray) -> tuple[FloatArray, Fl
         if sides[i, 2] == JOINED:
             gap = math.hypot(points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1])
             more[i] = math.floor(gap / SUBMAP_CELL)
+    if not more.any():
+        return points, sides
     all_points = np.empty((count + more.sum(), 2))
     all_sides = np.empty((count + more.sum(), 3))
     k = 0
