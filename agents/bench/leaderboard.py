@@ -167,7 +167,7 @@ def leaderboard_page(boards: Sequence[TrackBoard], manifest: Manifest) -> str:
         "a failure counts as the time limit; smaller is better. *Gate*: an entry is ranked if the interval of its "
         "success reaches 95 %. *Quicker*: probability of being done sooner than "
         f"`{REFERENCE}` on the same plan. The second table of a track compares entries: mean time until done over that "
-        "of another entry, failures at the time limit; the third only on the plans where both succeed. Intervals are "
+        "of one behind it, failures at the time limit; the third only on the plans where both succeed. Intervals are "
         "95 %.\n",
     ]
     return "\n".join(head) + "\n" + describe_boards(boards)
@@ -221,12 +221,14 @@ def _board_table(board: TrackBoard) -> str:
 
 
 def _ratio_table(head: str, ratios: Mapping[str, Mapping[str, Interval]]) -> str:
-    """Ratios of each entry to each."""
-    rows = [
-        [f"`{entry}`", *(with_bounds(own.get(name)) for name in ratios)]
-        for entry, own in ratios.items()
-    ]
-    return markdown([head, *(f"/ `{name}`" for name in ratios)], rows)
+    """Ratios of each entry to those behind it."""
+    names = list(ratios)
+    rows = []
+    for place, (entry, own) in enumerate(ratios.items()):
+        behind = names[place + 1 :]
+        ahead = [""] * place
+        rows.append([f"`{entry}`", *ahead, *(with_bounds(own.get(name)) for name in behind)])
+    return markdown([head, *(f"/ `{name}`" for name in names[1:])], rows[:-1])
 
 
 def boards_as_json(boards: Sequence[TrackBoard], manifest: Manifest) -> str:

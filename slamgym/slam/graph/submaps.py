@@ -150,10 +150,10 @@ class Submap:
     def close(self) -> None:
         """Free the memory round the surfaces: no more scans will be added."""
         is_used = self.grid[..., 0] != VACANT
+        if not is_used.any():
+            return
         rows = np.flatnonzero(is_used.any(axis=1))
         cols = np.flatnonzero(is_used.any(axis=0))
-        if len(rows) == 0:
-            return
         # A border lets the scans move a little when the path is corrected.
         top = max(rows[0] - SUBMAP_BORDER, 0)
         left = max(cols[0] - SUBMAP_BORDER, 0)
@@ -162,9 +162,8 @@ class Submap:
         self.grid = self.grid[top:end_row, left:end_col].copy()
         self.corner = self.corner + np.array([left, top]) * SUBMAP_CELL
         self.pieces = self.pieces[: self._used].copy()
-        x = self.pieces["x"].sum()
-        y = self.pieces["y"].sum()
-        self.centre = np.array([x, y]) / self.pieces["count"].sum()
+        x, y, count = (self.pieces[name].sum() for name in ("x", "y", "count"))
+        self.centre = np.array([x, y]) / count
 
     @property
     def means(self) -> OrientedPoints:
