@@ -14,7 +14,7 @@ from slamgym.slam.graph.submaps import oriented_scan
 from slamgym.slam.graph.wheels import WheelCalibration
 from slamgym.slam.hit_count_kernels import BeamTable
 from slamgym.slam.localization.global_search import is_same
-from slamgym.slam.localization.hypothesis import Hypothesis, believe
+from slamgym.slam.localization.hypothesis import Hypothesis
 from slamgym.slam.localization.known_map import MOST_MISSED, KnownMap, explain_scan
 from slamgym.slam.localization.logs import localize_log
 
@@ -89,21 +89,6 @@ def test_a_robot_that_is_carried_off_notices_and_finds_itself_again():
     again = next(k for k in range(before + 8, len(states)) if states[k] == "localised")
     way = driven[result.processed[again] - 1] - driven[before_scans - 1]
     assert way > 2.0 * LocalizationConfig().confirm_distance
-
-
-@pytest.mark.parametrize(("was_sure", "state"), [(True, "localised"), (False, "searching")])
-def test_a_rival_that_loses_makes_only_places_that_were_never_sure_begin_anew(was_sure, state):
-    leading, rival = (
-        Hypothesis.around(np.array([x, 0.0, 0.0]), (0.01, 0.01, 0.01), np.zeros((1, 1), np.float32))
-        for x in (0.0, 5.0)
-    )
-    leading.was_sure = was_sure
-    leading.led = leading.explained = 20.0
-    states = [
-        believe(0.0, 0.1, places, HERE, LocalizationConfig()).state
-        for places in ([leading, rival], [leading])
-    ]
-    assert states == ["ambiguous", state]
 
 
 @pytest.mark.parametrize("off", [(0.2, -0.1, 0.1), (0.6, 0.2, -0.1)])
