@@ -63,6 +63,11 @@ class LaserGeometry(NamedTuple):
     time_increment: float = 0.0  # from a beam to the next [s]
 
     @property
+    def field_of_view(self) -> float:
+        """Angle from the first beam to the last [rad]; negative if they are numbered clockwise."""
+        return self.angle_increment * (self.num_beams - 1)
+
+    @property
     def scan_time(self) -> float:
         """Time from the first beam that is measured to the last [s]."""
         return abs(self.time_increment) * (self.num_beams - 1)

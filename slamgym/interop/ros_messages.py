@@ -168,7 +168,7 @@ def scan_fields(
         scan_time: Time until the next scan [s].
     """
     first = laser.angle_min
-    last = laser.angle_min + laser.angle_increment * (laser.num_beams - 1)
+    last = laser.angle_min + laser.field_of_view
     step = laser.angle_increment
     if laser.time_increment < 0.0:  # the beam that is measured first comes first
         first, last = last, first

@@ -204,8 +204,7 @@ def view_gain(costmap: Costmap, point: Point, max_range: float, geometry: LaserG
     range_px = max_range / size
     by_ray = unknown_by_ray(costmap.costs, int(row), int(col), range_px)
     rays = len(by_ray)
-    field = geometry.angle_increment * (geometry.num_beams - 1)
-    share_of_turn = field / (2.0 * math.pi)
+    share_of_turn = geometry.field_of_view / (2.0 * math.pi)
     seen_rays = round(share_of_turn * rays)
     width = min(rays, max(1, seen_rays))
     around = np.concatenate([by_ray, by_ray[: width - 1]])
