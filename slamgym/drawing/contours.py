@@ -90,33 +90,31 @@ def _on_map(image: Float32Array, frame: GridFrame) -> FloatArray:
 def _chained(lines: FloatArray) -> tuple[FloatArray, IntArray]:
     """Points (M, 2) of lines made of straight pieces (N, 2, 2), and which line each is of.
 
-    There is one for each ring that touches none, and few for others, for few lines are joined sooner.
+    A ring is one line, or, where it touches others, one from each such point to the next.
     """
     if not len(lines):
         return np.empty((0, 2)), np.empty(0, np.int64)
+    following, touching = _successors(lines)
+    chains = []
+    for ring in _cycles(following.tolist()):
+        cuts = [0, *(k for k in range(1, len(ring)) if ring[k] in touching), len(ring)]
+        chains += [ring[begin:end] for begin, end in itertools.pairwise(cuts)]
+    sizes = np.array([len(chain) for chain in chains])
+    pieces = np.concatenate(chains)
+    firsts = np.cumsum(sizes) - sizes
+    points = np.insert(lines[pieces, 1], firsts, lines[pieces[firsts], 0], axis=0)
+    return points, np.repeat(np.arange(len(sizes)), sizes + 1)
+
+
+def _successors(lines: FloatArray) -> tuple[IntArray, set[int]]:
+    """For each piece (N, 2, 2) one that begins where it ends, and the pieces that begin where others do, too."""
     start, end = np.ascontiguousarray(lines).view(np.complex128)[..., 0].T
     by_start = np.argsort(start, kind="stable")
     following = np.empty_like(by_start)
     following[np.argsort(end, kind="stable")] = by_start
     shared = np.flatnonzero(np.diff(start[by_start]) == 0.0)
     touching = {*by_start[shared].tolist(), *by_start[shared + 1].tolist()}
-    chains = list[list[int]]()
-    for first, *others in _cycles(following.tolist()):
-        # Where GEOS would begin a ring of pieces: at the end of the first.
-        ring = [*others, first]
-        nodes = [0, *(k for k in range(1, len(ring)) if ring[k] in touching), len(ring)]
-        if len(nodes) == 2:
-            chains.append(ring)
-            continue
-        for begin, stop in itertools.pairwise(nodes):
-            lowest = min(range(begin, stop), key=ring.__getitem__)
-            chains += [ring[begin:lowest], [ring[lowest]], ring[lowest + 1 : stop]]
-    chains = sorted(filter(None, chains), key=min)
-    sizes = np.array([len(chain) for chain in chains])
-    pieces = np.concatenate(chains)
-    firsts = np.cumsum(sizes) - sizes
-    points = np.insert(lines[pieces, 1], firsts, lines[pieces[firsts], 0], axis=0)
-    return points, np.repeat(np.arange(len(sizes)), sizes + 1)
+    return following, touching
 
 
 def _cycles(following: list[int]) -> Iterator[list[int]]:

@@ -7,7 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 from room_drive import good_drive
-from sensor_faults import LEFT_OUT, SENSOR_FAULTS, late, mirrored, scaled, stretch
+from sensor_faults import (
+    COLUMNS,
+    LEFT_OUT,
+    READERS,
+    SENSOR_FAULTS,
+    late,
+    mirrored,
+    rows_of,
+    scaled,
+    stretch,
+)
 
 from slamgym.interop.carmen import read_carmen
 from slamgym.interop.carmen_writer import carmen_lines
@@ -173,3 +183,12 @@ def test_on_real_logs_faults_of_the_laser_are_named_and_nothing_else(name):
     for fault in LASER_FAULTS:
         if (name, fault) not in UNNAMED:
             assert SENSOR_FAULTS[fault].kinds & kinds(put_in(fault, log)), fault
+
+
+def test_the_table_of_faults_has_a_value_in_each_column(drive, monkeypatch):
+    monkeypatch.setattr("sensor_faults.READERS", {"doctor": READERS["doctor"]})
+    monkeypatch.setattr("sensor_faults.SENSOR_FAULTS", {"gap": SENSOR_FAULTS["gap"]})
+    rows = list(rows_of({"a home": drive}))
+    assert [row["fault"] for row in rows] == ["unbroken", "gap"]
+    assert all(row.keys() == set(COLUMNS) for row in rows)
+    assert rows[1]["named"] == 1
