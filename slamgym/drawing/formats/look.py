@@ -9,11 +9,8 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from shapely import LineString, MultiLineString, MultiPolygon, Polygon
+from shapely import LineString, MultiLineString, Polygon
 
-from slamgym.cad.floorplan import ring_segments
-from slamgym.cad.polygons import polygon_parts
-from slamgym.core.types import BoolArray
 from slamgym.drawing.drawing import Dimension, Drawing, DrawnPoint, DrawnRoom
 from slamgym.drawing.settings import MARGIN
 from slamgym.viz.canvas import (
@@ -233,11 +230,12 @@ def place_labels(
     tries = [list(_tries(one, letters, turned)) for one in wanted]
     labels = list(itertools.chain(*tries))
     boxes = label_boxes(labels, letters)
+    shapely.prepare(drawing.floor)
     strokes = shapely.STRtree([line.line for line in lines])
     crosses = np.zeros(len(boxes), np.bool_)
     crosses[strokes.query(boxes, "dwithin", 0.1 * letters)[0]] = True
     # 0 on clear floor, 1 across a line, 2 over a wall, 3 where another label stands.
-    rank = np.where(_are_on_floor(boxes, drawing.floor), crosses, 2)
+    rank = np.where(shapely.covers(drawing.floor, boxes), crosses, 2)
     tree = shapely.STRtree(boxes)
     placed = list[DrawnLabel]()
     shown = list[Dimension]()
@@ -251,16 +249,6 @@ def place_labels(
         if one.kind == "size":
             shown.append(one.line)
     return placed, shown
-
-
-def _are_on_floor(boxes: NDArray[np.object_], floor: MultiPolygon) -> BoolArray:
-    """Which rectangles lie on clear floor: GEOS's own test of each takes as long as there are faces."""
-    shapely.prepare(floor)
-    faces = ring_segments(shapely.get_rings(polygon_parts(floor)))
-    tree = shapely.STRtree(np.asarray(shapely.linestrings(faces.reshape(-1, 2, 2))))
-    are_on_floor = np.asarray(shapely.intersects(floor, shapely.centroid(boxes)))
-    are_on_floor[tree.query(boxes, "intersects")[0]] = False
-    return are_on_floor
 
 
 def label_boxes(labels: Sequence[DrawnLabel], letters: float) -> NDArray[np.object_]:
