@@ -6,13 +6,13 @@ observation space are refused with one sentence.
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from safetensors import SafetensorError, safe_open
-from safetensors.numpy import save
+from safetensors.numpy import load_file, save
 
 from slamgym.agents.explorer import BatchedExplorer, FrontierPilot
 from slamgym.agents.scoring import (
@@ -24,7 +24,7 @@ from slamgym.agents.scoring import (
     FrontierScorer,
 )
 from slamgym.core.config import config_hash
-from slamgym.core.documents import load_json
+from slamgym.core.documents import load_json, read_json
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import require_file, write_bytes, write_text
 from slamgym.core.limits import WEIGHT_BYTES
@@ -139,6 +139,16 @@ def write_weights(
     write_bytes(path, save(tensors, {"slamgym": header}))
     readable = json.dumps(description, indent=2, sort_keys=True)
     write_text(path.with_suffix(".json"), readable + "\n")
+
+
+def write_mean(paths: Sequence[Path], path: Path) -> None:
+    """Write the mean of the weights in some files that :func:`write_weights` wrote, described as those of the last."""
+    states = [load_file(one) for one in paths]
+    weights = {name: np.mean([state[name] for state in states], axis=0) for name in states[0]}
+    description = read_json(paths[-1].with_suffix(".json"))
+    if len(paths) > 1:
+        description["about"]["mean_of"] = [one.stem for one in paths]
+    write_weights(path, weights, description)
 
 
 def read_policy(path: Path | str) -> tuple[dict[str, Float32Array], dict[str, Any]]:

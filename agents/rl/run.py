@@ -22,6 +22,7 @@ from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
 from slamgym import __version__
 from slamgym.agents.plan_splits import draw_plans
+from slamgym.agents.pretrained_policy import write_mean
 from slamgym.agents.rl.checkpoint import CHECKPOINT, load_checkpoint, save_checkpoint
 from slamgym.agents.rl.learner import algorithm_class, arguments_of
 from slamgym.agents.rl.train_config import BEST, POLICY, RunConfig
@@ -36,11 +37,18 @@ CONFIG = "config.json"
 """Name of the settings of a run ..."""
 VALIDATION = "validation.csv"
 """... and of its evaluations."""
+STATES = "states"
+"""Folder of the weights at each evaluation, ``STEPS.safetensors`` ..."""
+MEAN = "mean.safetensors"
+"""... and name of the mean of the last ones."""
 
 _MAY_CHANGE = ("steps", "workers")
 """Settings that may change when a run continues."""
 _CHECKPOINTS = 200
 """So many checkpoints are written in a run, one after an update at most: one takes some hundredths of a second."""
+_LAST_STATES = 0.25
+"""Weights of the last evaluations, in so much of a run, are averaged at its end, and judged like any others: the mean
+varies less than the last ones (stochastic weight averaging; Izmailov et al., UAI 2018)."""
 ConfigT = TypeVar("ConfigT", bound=RunConfig)
 
 
@@ -110,7 +118,8 @@ def learn_policy(learner: PolicyLearner[Any], out: Path) -> OnPolicyAlgorithm:
     Args:
         learner: What is learned.
         out: Folder of the run: ``config.json``, ``log`` (CSV and TensorBoard events), ``validation.csv``,
-            ``checkpoint.safetensors``, ``policy.safetensors`` and, by validation, ``best.safetensors``.
+            ``checkpoint.safetensors``, ``policy.safetensors`` and, by validation, ``states``, the ``mean.safetensors``
+            of the last of these, and ``best.safetensors``.
 
     Returns:
         The learner.
@@ -244,23 +253,46 @@ class _Keep(BaseCallback):
 
     def _on_training_end(self) -> None:
         save_checkpoint(self._out, self.model)
-        if self._every and not (self._rows and self._rows[-1]["steps"] >= self.model.num_timesteps):
+        if not self._every:
+            return
+        steps = self.model.num_timesteps
+        if not (self._rows and self._rows[-1]["steps"] >= steps):
             self._validate()
+        states = self._last_states()
+        if steps >= self._learner.config.steps and states:
+            mean = self._out / MEAN
+            write_mean(states, mean)
+            self._judge(mean)
+
+    def _last_states(self) -> list[Path]:
+        """Weights of the evaluations at the end of the run, the latest last."""
+        first = (1.0 - _LAST_STATES) * self._learner.config.steps
+        by_steps = {int(path.stem): path for path in (self._out / STATES).glob("*.safetensors")}
+        return [by_steps[steps] for steps in sorted(by_steps) if steps >= first]
 
     def _validate(self) -> None:
+        """Keep the weights as they are, and judge them."""
         model: Any = self.model
-        spent = self._spent + time.process_time() - self._clock
         self._learner.export(model, self._out / POLICY)
-        figures = self._learner.validate(self._out / POLICY, self._plans)
+        state = own_folder(self._out / STATES) / f"{model.num_timesteps}.safetensors"
+        self._learner.export(model, state)
+        self._judge(state)
+
+    def _judge(self, weights: Path) -> None:
+        """Validate a file of weights, and make it the best one if none before was better."""
+        steps = self.model.num_timesteps
+        spent = self._spent + time.process_time() - self._clock
+        figures = self._learner.validate(weights, self._plans)
         for name, value in figures.items():
             self.logger.record(f"validation/{name}", value)
         shown = ", ".join(f"{name} {value:.3g}" for name, value in figures.items())
-        say(f"validation at {self._learner.unit} {model.num_timesteps}: {shown}")
-        row = {"steps": model.num_timesteps, "training_cpu_seconds": round(spent, 1), **figures}
+        of_mean = " of the mean" if weights.name == MEAN else ""
+        say(f"validation{of_mean} at {self._learner.unit} {steps}: {shown}")
+        row = {"steps": steps, "training_cpu_seconds": round(spent, 1), **figures}
         _append(self._out / VALIDATION, row)
         scores = [one.get("score", math.inf) for one in self._rows]
         if figures["score"] < min(scores, default=math.inf):
-            self._learner.export(model, self._out / BEST)
+            write_mean([weights], self._out / BEST)
         self._rows.append(row)
 
 

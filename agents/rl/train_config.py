@@ -155,7 +155,7 @@ class TrainConfig(RunConfig):
 class WheelsConfig(RunConfig):
     """A training run on ``slamgym/Explore-v4`` with the observations ``compact_far``, at true poses."""
 
-    steps: Count = 6_000_000
+    steps: Count = 4_000_000
     """Decisions of all environments together."""
     num_envs: Count = 32
     """Environments, all in one batch."""

@@ -10,6 +10,7 @@ import pytest
 from source_tree import ROOT
 
 from slamgym.agents import make_explorer
+from slamgym.agents.pretrained_policy import write_mean
 from slamgym.agents.rl.learner import LearnerConfig
 from slamgym.agents.rl.train_config import WheelsConfig
 from slamgym.agents.wheels import (
@@ -118,6 +119,8 @@ def test_a_run_is_validated_saved_and_goes_on(tmp_path):
         "config.json",
         "checkpoint.safetensors",
         "policy.safetensors",
+        "states/48.safetensors",
+        "mean.safetensors",
         "best.safetensors",
         "validation.csv",
     ):
@@ -143,6 +146,21 @@ def test_a_run_is_validated_saved_and_goes_on(tmp_path):
     assert train_wheels(dataclasses.replace(TINY, steps=72), tmp_path).num_timesteps == 72
     with pytest.raises(ConfigError, match="seed was 0, now 1"):
         train_wheels(dataclasses.replace(TINY, seed=1), tmp_path)
+
+
+def test_the_mean_of_weights_says_which_it_is_of(tmp_path, weights):
+    policy = read_wheels(weights)
+    doubled = {name: 2.0 * value for name, value in policy.weights.items()}
+    paths = [tmp_path / "24.safetensors", tmp_path / "48.safetensors"]
+    write_wheels(paths[0], policy)
+    write_wheels(paths[1], dataclasses.replace(policy, weights=doubled))
+    write_mean(paths, tmp_path / "mean.safetensors")
+    mean = read_wheels(tmp_path / "mean.safetensors")
+    for name, value in policy.weights.items():
+        np.testing.assert_allclose(mean.weights[name], 1.5 * value, rtol=1e-6)
+    assert mean.about == {**policy.about, "mean_of": ["24", "48"]}
+    write_mean(paths[:1], tmp_path / "same.safetensors")
+    assert (tmp_path / "same.safetensors").read_bytes() == paths[0].read_bytes()
 
 
 def test_the_explorer_sees_what_it_was_trained_on(weights):
