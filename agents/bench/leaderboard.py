@@ -197,15 +197,23 @@ def describe_boards(boards: Sequence[TrackBoard]) -> str:
 
 def _board_table(board: TrackBoard) -> str:
     header = [
-        "entry", "rank", "score", "success [%]", "time until done [s]", "contacts", "map error [cm]", "quicker [%]",
-        "CPU [s]", "runs",
-    ]  # fmt: skip
+        "entry",
+        "rank",
+        "score",
+        "success [%]",
+        "time until done [s]",
+        "contacts",
+        "map error [cm]",
+        "quicker [%]",
+        "CPU [s]",
+    ]
     rows = []
     for place, one in enumerate(board.standings, start=1):
         rank_or_gate = str(place) if one.passed else "gate"
+        trainings = f" ({one.runs} trainings)" if one.runs > 1 else ""
         rows.append(
             [
-                f"`{one.entry}`",
+                f"`{one.entry}`{trainings}",
                 "-" if board.quick else rank_or_gate,
                 with_bounds(one.score),
                 with_bounds(one.success, 0, 100.0),
@@ -214,7 +222,6 @@ def _board_table(board: TrackBoard) -> str:
                 f"{100.0 * one.map_error:.1f}",
                 with_bounds(one.quicker, 0, 100.0),
                 f"{one.cpu:.1f}",
-                str(one.runs),
             ]
         )
     return markdown(header, rows)

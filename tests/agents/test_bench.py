@@ -10,7 +10,7 @@ import pytest
 import shapely
 
 import slamgym.agents.evaluation.evaluate as evaluation_module
-from slamgym.agents.bench.leaderboard import leaderboard_page, rank
+from slamgym.agents.bench.leaderboard import describe_boards, leaderboard_page, rank
 from slamgym.agents.bench.manifest import (
     MANIFEST,
     QUICK,
@@ -401,6 +401,7 @@ def test_trainings_of_one_name_are_one_entry():
     (standing,) = board.standings
     assert standing.runs == 2
     single = rank(results[:1], manifest_of(results[0]))[0].standings[0]
+    assert "| `rl` (2 trainings) |" in describe_boards([board])
     assert standing.score.high - standing.score.low > single.score.high - single.score.low
 
 
