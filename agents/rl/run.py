@@ -262,19 +262,26 @@ class _Keep(BaseCallback):
         if steps >= self._learner.config.steps and states:
             mean = self._out / MEAN
             write_mean(states, mean)
-            self._judge(mean)
+            if len(states) > 1:  # one alone is judged already
+                self._judge(mean)
 
     def _last_states(self) -> list[Path]:
         """Weights of the evaluations at the end of the run, the latest last."""
         first = (1.0 - _LAST_STATES) * self._learner.config.steps
-        by_steps = {int(path.stem): path for path in (self._out / STATES).glob("*.safetensors")}
-        return [by_steps[steps] for steps in sorted(by_steps) if steps >= first]
+        steps = sorted({round(row["steps"]) for row in self._rows if row["steps"] >= first})
+        paths = [self._state(one) for one in steps]
+        return [path for path in paths if path.is_file()]
+
+    def _state(self, steps: int) -> Path:
+        """The file of the weights at an evaluation."""
+        return self._out / STATES / f"{steps}.safetensors"
 
     def _validate(self) -> None:
         """Keep the weights as they are, and judge them."""
         model: Any = self.model
         self._learner.export(model, self._out / POLICY)
-        state = own_folder(self._out / STATES) / f"{model.num_timesteps}.safetensors"
+        own_folder(self._out / STATES)
+        state = self._state(model.num_timesteps)
         self._learner.export(model, state)
         self._judge(state)
 
@@ -292,7 +299,7 @@ class _Keep(BaseCallback):
         _append(self._out / VALIDATION, row)
         scores = [one.get("score", math.inf) for one in self._rows]
         if figures["score"] < min(scores, default=math.inf):
-            write_mean([weights], self._out / BEST)
+            write_mean([weights], self._out / BEST)  # of one: a copy, with its description
         self._rows.append(row)
 
 

@@ -29,6 +29,7 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
 
 from slamgym.agents.rl.batch_vec_env import BatchVecEnv  # noqa: E402
+from slamgym.agents.rl.run import read_validation  # noqa: E402
 from slamgym.agents.rl.wheels import train_wheels  # noqa: E402
 
 TINY = WheelsConfig(
@@ -146,6 +147,13 @@ def test_a_run_is_validated_saved_and_goes_on(tmp_path):
     assert train_wheels(dataclasses.replace(TINY, steps=72), tmp_path).num_timesteps == 72
     with pytest.raises(ConfigError, match="seed was 0, now 1"):
         train_wheels(dataclasses.replace(TINY, seed=1), tmp_path)
+
+
+def test_the_mean_of_the_last_quarter_is_judged_like_any_weights(tmp_path):
+    train_wheels(dataclasses.replace(TINY, steps=96), tmp_path)
+    assert read_wheels(tmp_path / "mean.safetensors").about["mean_of"] == ["72", "96"]
+    steps = [row["steps"] for row in read_validation(tmp_path)]
+    assert steps == [24, 48, 72, 96, 96]
 
 
 def test_the_mean_of_weights_says_which_it_is_of(tmp_path, weights):
