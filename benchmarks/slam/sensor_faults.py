@@ -247,8 +247,14 @@ def rows_of(logs: Mapping[str, Log]) -> Iterator[dict[str, Any]]:
     usual = {by: {name: READERS[by](log) for name, log in logs.items()} for by in READERS}
     for by, ones in usual.items():
         wrong = sum(bool(said.kinds & WRONG) for said in ones.values())
-        usual_row = {"fault": "unbroken", "by": by, "logs": len(logs), "named": wrong}
-        yield {**usual_row, "flagged": None, "elsewhere": None}
+        yield {
+            "fault": "unbroken",
+            "by": by,
+            "logs": len(logs),
+            "named": wrong,
+            "flagged": None,
+            "elsewhere": None,
+        }
     for (name, fault), by in itertools.product(SENSOR_FAULTS.items(), READERS):
         trials = []
         for log_name, log in logs.items():

@@ -70,9 +70,8 @@ def carmen_lines(
     between = ""
     after = ""
     if message == "ROBOTLASER1":
-        beams = (
-            f"{geometry.angle_min:.9f} {geometry.field_of_view:.9f} {geometry.angle_increment:.9f}"
-        )
+        view = geometry.field_of_view
+        beams = f"{geometry.angle_min:.9f} {view:.9f} {geometry.angle_increment:.9f}"
         before = f"ROBOTLASER1 0 {beams} {limit:.6g} 0.01 0"
         between = "0 "
         after = "0 0 0 0 0 "
