@@ -11,6 +11,8 @@ import shapely
 from numpy.typing import NDArray
 from shapely import LineString, MultiLineString, Polygon
 
+from slamgym.cad.floorplan import ring_segments
+from slamgym.cad.polygons import polygon_parts
 from slamgym.drawing.drawing import Dimension, Drawing, DrawnPoint, DrawnRoom
 from slamgym.drawing.settings import MARGIN
 from slamgym.viz.canvas import (
@@ -230,12 +232,11 @@ def place_labels(
     tries = [list(_tries(one, letters, turned)) for one in wanted]
     labels = list(itertools.chain(*tries))
     boxes = label_boxes(labels, letters)
-    shapely.prepare(drawing.floor)
     strokes = shapely.STRtree([line.line for line in lines])
     crosses = np.zeros(len(boxes), np.bool_)
     crosses[strokes.query(boxes, "dwithin", 0.1 * letters)[0]] = True
     # 0 on clear floor, 1 across a line, 2 over a wall, 3 where another label stands.
-    rank = np.where(shapely.covers(drawing.floor, boxes), crosses, 2)
+    rank = np.where(_on_floor(drawing, boxes), crosses, 2)
     tree = shapely.STRtree(boxes)
     placed = list[DrawnLabel]()
     shown = list[Dimension]()
@@ -249,6 +250,20 @@ def place_labels(
         if one.kind == "size":
             shown.append(one.line)
     return placed, shown
+
+
+def _on_floor(drawing: Drawing, boxes: NDArray[np.object_]) -> NDArray[np.bool_]:
+    """Which rectangles lie on floor whole: no face of a wall meets them, and a room has their middles.
+
+    Trees of faces and of rooms: GEOS's own index of a floor is by y alone, so a row of rooms would be searched whole.
+    """
+    edges = ring_segments(shapely.get_rings(polygon_parts(drawing.floor))).reshape(-1, 2, 2)
+    faces = shapely.STRtree(np.asarray(shapely.linestrings(edges)))
+    rooms = shapely.STRtree([room.polygon for room in drawing.rooms])
+    on_floor = np.zeros(len(boxes), np.bool_)
+    on_floor[rooms.query(shapely.centroid(boxes), "intersects")[0]] = True
+    on_floor[faces.query(boxes, "intersects")[0]] = False
+    return on_floor
 
 
 def label_boxes(labels: Sequence[DrawnLabel], letters: float) -> NDArray[np.object_]:
