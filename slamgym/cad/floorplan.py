@@ -13,7 +13,7 @@ import shapely
 from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
-from slamgym.cad.polygons import largest_part, refuse_crowded
+from slamgym.cad.polygons import largest_part, polygon_parts, refuse_crowded
 from slamgym.core.errors import PlanError
 from slamgym.core.thin_walls import SHARE_STEPS, close_thin_walls
 from slamgym.core.types import (
@@ -197,6 +197,11 @@ def ring_segments(rings: Iterable[BaseGeometry]) -> FloatArray:
     segments = np.ascontiguousarray(np.vstack(edges)) if edges else np.empty((0, 4))
     long_enough = (segments[:, :2] != segments[:, 2:]).any(axis=1)
     return np.ascontiguousarray(segments[long_enough], dtype=np.float64)
+
+
+def polygon_edges(geometry: BaseGeometry) -> FloatArray:
+    """The edges of all polygons in a geometry, shape (S, 2, 2): start and end, x and y [m]."""
+    return ring_segments(shapely.get_rings(polygon_parts(geometry))).reshape(-1, 2, 2)
 
 
 def robot_space(plan: FloorPlan, robot_radius: float) -> Polygon:

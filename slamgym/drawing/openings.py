@@ -18,7 +18,7 @@ import shapely
 from shapely import LineString, MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 
-from slamgym.cad.floorplan import ring_segments
+from slamgym.cad.floorplan import polygon_edges
 from slamgym.cad.polygons import polygon_parts
 from slamgym.core.types import FloatArray, IntArray
 from slamgym.drawing.boundaries import WIDEST, line_widths
@@ -267,7 +267,7 @@ def onto_faces(gaps: Sequence[Gap], floor: MultiPolygon) -> list[Gap]:
 
 def _nearest_on_faces(ends: FloatArray, floor: MultiPolygon) -> FloatArray:
     """The corners at points (N, 2), or else the nearest places on faces; points far from both stay."""
-    edges = ring_segments(shapely.get_rings(polygon_parts(floor))).reshape(-1, 2, 2)
+    edges = polygon_edges(floor)
     fitted = ends.copy()
     faces = np.asarray(shapely.linestrings(edges))
     corners = np.asarray(shapely.points(edges[:, 0]))

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 
-from slamgym.cad.floorplan import ring_segments
+from slamgym.cad.floorplan import polygon_edges
 from slamgym.core.types import FloatArray
 from slamgym.drawing.drawing import Drawing, DrawnDoor, DrawnPoint, DrawnRoom
 from slamgym.drawing.settings import SAME_DIRECTION, THICKEST_WALL, USUAL_CELL
@@ -28,7 +28,7 @@ def dimension_chains(drawing: Drawing) -> Iterator[Chain]:
     """A chain for each wall with doors, in the largest of the rooms that its doors join."""
     done = set[int]()
     for room in sorted(drawing.rooms, key=lambda room: -room.area):
-        faces = ring_segments(shapely.get_rings(room.polygon)).reshape(-1, 2, 2)
+        faces = polygon_edges(room.polygon)
         own = [k for k, door in enumerate(drawing.doors) if room.id in door.rooms]
         for number in own:
             if number not in done:

@@ -11,8 +11,8 @@ import shapely
 from numpy.typing import NDArray
 from shapely import LineString, MultiLineString, Polygon
 
-from slamgym.cad.floorplan import ring_segments
-from slamgym.cad.polygons import polygon_parts
+from slamgym.cad.floorplan import polygon_edges
+from slamgym.core.types import IntArray
 from slamgym.drawing.drawing import Dimension, Drawing, DrawnPoint, DrawnRoom
 from slamgym.drawing.settings import MARGIN
 from slamgym.viz.canvas import (
@@ -236,7 +236,9 @@ def place_labels(
     crosses = np.zeros(len(boxes), np.bool_)
     crosses[strokes.query(boxes, "dwithin", 0.1 * letters)[0]] = True
     # 0 on clear floor, 1 across a line, 2 over a wall, 3 where another label stands.
-    rank = np.where(_on_floor(drawing, boxes), crosses, 2)
+    rank = np.full(len(boxes), 2)
+    clear = _on_floor(drawing, boxes)
+    rank[clear] = crosses[clear]
     tree = shapely.STRtree(boxes)
     placed = list[DrawnLabel]()
     shown = list[Dimension]()
@@ -252,18 +254,16 @@ def place_labels(
     return placed, shown
 
 
-def _on_floor(drawing: Drawing, boxes: NDArray[np.object_]) -> NDArray[np.bool_]:
-    """Which rectangles lie on floor whole: no face of a wall meets them, and a room has their middles.
+def _on_floor(drawing: Drawing, boxes: NDArray[np.object_]) -> IntArray:
+    """Numbers of the rectangles that lie on floor whole: no face of a wall meets them, and a room has their middles.
 
     Trees of faces and of rooms: GEOS's own index of a floor is by y alone, so a row of rooms would be searched whole.
     """
-    edges = ring_segments(shapely.get_rings(polygon_parts(drawing.floor))).reshape(-1, 2, 2)
-    faces = shapely.STRtree(np.asarray(shapely.linestrings(edges)))
+    faces = shapely.STRtree(np.asarray(shapely.linestrings(polygon_edges(drawing.floor))))
     rooms = shapely.STRtree([room.polygon for room in drawing.rooms])
-    on_floor = np.zeros(len(boxes), np.bool_)
-    on_floor[rooms.query(shapely.centroid(boxes), "intersects")[0]] = True
-    on_floor[faces.query(boxes, "intersects")[0]] = False
-    return on_floor
+    middles = shapely.centroid(boxes)
+    met = faces.query(boxes, "intersects")[0]
+    return np.setdiff1d(rooms.query(middles, "intersects")[0], met)
 
 
 def label_boxes(labels: Sequence[DrawnLabel], letters: float) -> NDArray[np.object_]:
