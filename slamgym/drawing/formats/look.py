@@ -233,12 +233,12 @@ def place_labels(
     labels = list(itertools.chain(*tries))
     boxes = label_boxes(labels, letters)
     strokes = shapely.STRtree([line.line for line in lines])
-    crosses = np.zeros(len(boxes), np.bool_)
-    crosses[strokes.query(boxes, "dwithin", 0.1 * letters)[0]] = True
+    crossing = strokes.query(boxes, "dwithin", 0.1 * letters)[0]
     # 0 on clear floor, 1 across a line, 2 over a wall, 3 where another label stands.
     rank = np.full(len(boxes), 2)
     clear = _on_floor(drawing, boxes)
-    rank[clear] = crosses[clear]
+    rank[clear] = 0
+    rank[np.intersect1d(clear, crossing)] = 1
     tree = shapely.STRtree(boxes)
     placed = list[DrawnLabel]()
     shown = list[Dimension]()
@@ -261,9 +261,8 @@ def _on_floor(drawing: Drawing, boxes: NDArray[np.object_]) -> IntArray:
     """
     faces = shapely.STRtree(np.asarray(shapely.linestrings(polygon_edges(drawing.floor))))
     rooms = shapely.STRtree([room.polygon for room in drawing.rooms])
-    middles = shapely.centroid(boxes)
-    met = faces.query(boxes, "intersects")[0]
-    return np.setdiff1d(rooms.query(middles, "intersects")[0], met)
+    inside = rooms.query(shapely.centroid(boxes), "intersects")[0]
+    return np.setdiff1d(inside, faces.query(boxes, "intersects")[0])
 
 
 def label_boxes(labels: Sequence[DrawnLabel], letters: float) -> NDArray[np.object_]:
