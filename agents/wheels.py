@@ -20,7 +20,7 @@ from slamgym.core.errors import ConfigError
 from slamgym.core.portable import product
 from slamgym.core.types import Float32Array, Observation, OccupancyGrid, Pose2D, Twist2D
 from slamgym.envs.compact import BLOCKS, SCAN_SECTORS, CompactObserver, MapTiles, compact_size
-from slamgym.envs.completion import CompletionDetector
+from slamgym.envs.completion import SMALLEST_FRONTIER, CompletionDetector
 from slamgym.envs.far_look import FAR_SIZE, SECTORS
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.costmap import crop_known
@@ -35,11 +35,12 @@ CLIP = 5.0
 """Normalised observations are cut off here."""
 _EPSILON = 1e-8
 """Added to the variances of the observations."""
-_SMALLEST_FRONTIER = 0.5
-"""Shorter frontiers don't keep it driving [m]."""
+_CONFIRMATIONS = 5
+"""It's done when so many maps published one after another say so: a stray reading closes a door until the next look."""
 _SPACE = {
     "env": "slamgym/Explore",
     "preset": "compact_far",
+    "ways": "of the body",
     "blocks": BLOCKS,
     "ranges": SCAN_SECTORS,
     "sectors": SECTORS,
@@ -123,9 +124,10 @@ class WheelsPilot(Pilot):
         self._policy = policy
         laser = context.geometry
         limits = (context.max_linear, context.max_angular, laser.range_max)
-        self._observer = CompactObserver(laser.num_beams, limits, CROP_SIDE, looks_far=True)
-        self._detector = CompletionDetector(context.robot_radius, _SMALLEST_FRONTIER)
+        self._observer = CompactObserver(laser.num_beams, limits, CROP_SIDE, context.robot_radius)
+        self._detector = CompletionDetector(context.robot_radius, SMALLEST_FRONTIER)
         self._follower = PathFollower(context) if avoids else None
+        self._confirmed = 0  # by so many maps
         self._steps = 0
         self._command = Twist2D(0.0, 0.0)
         self._publication = round(context.map_update_interval / context.control_step) or 1
@@ -137,7 +139,9 @@ class WheelsPilot(Pilot):
         pose = Pose2D(*observation["pose"].tolist())
         if self._steps % self._publication == 0:
             grid = crop_known(OccupancyGrid(cells, context.frame), pose)
-            self.finished = self._detector.is_explored(grid, pose)
+            is_explored = self._detector.is_explored(grid, pose)
+            self._confirmed = self._confirmed + 1 if is_explored else 0
+            self.finished = self._confirmed >= _CONFIRMATIONS
             self._shown = MapTiles.of_grid(cells, context.frame)
             self._observer.refresh(self._shown)
         if self._steps % HOLD == 0:

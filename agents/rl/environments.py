@@ -14,7 +14,6 @@ from slamgym.agents.rl.train_config import (
     CROP_SIDE,
     TRAINING_PARTICLES,
     TRAINING_RESOLUTION,
-    WHEELS_GOAL,
     TrainConfig,
     WheelsConfig,
 )
@@ -85,9 +84,7 @@ def make_batch(
             "crop_px": 1,
             "crop_resolution": CROP_SIDE,
         },
-        coverage_goal=WHEELS_GOAL,
         time_limit=None,
-        terminate_when_explored=False,
     )
 
 
@@ -124,15 +121,15 @@ def explore_plan(
 
 
 def figures_of(trial: Trial) -> dict[str, float]:
-    """Figures that trainings are judged by; times [s] and paths [m] that were not reached count as those at the end."""
+    """Figures that trainings are judged by; times [s] never reached count as the limit, paths [m] as at the end."""
 
-    def to(level: str, reached: Mapping[str, float | None], at_end: float) -> float:
+    def to(level: str, reached: Mapping[str, float | None], never: float) -> float:
         found = reached[level]
-        return at_end if found is None else found
+        return never if found is None else found
 
     return {
-        "time_95": to("0.95", trial.time_to, trial.time),
-        "time_99": to("0.99", trial.time_to, trial.time),
+        "time_95": to("0.95", trial.time_to, trial.time_limit),
+        "time_99": to("0.99", trial.time_to, trial.time_limit),
         "path_95": to("0.95", trial.path_to, trial.path),
         "path_99": to("0.99", trial.path_to, trial.path),
         "time_done": float(trial.time if succeeded(trial) else trial.time_limit),

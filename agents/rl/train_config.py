@@ -40,8 +40,6 @@ WHEELS_NETWORK = {
     "second": LAYER_UNITS[1],
 }
 """Description of the network in files."""
-WHEELS_GOAL = 0.98
-"""An episode of driving the wheels ends at this true coverage; privileged, never observed."""
 FRONTIER_LEARNING_REWARD = replace(FRONTIER_REWARD, collision=0.0, shaping=0.0, missing=3.0)
 """A fiftieth off per second until *done*, and as much as 150 s for each hundredth of the floor missing below 98 % then.
 A failure counts as the time limit, some 600 s more than a success: four hundredths."""
@@ -64,10 +62,10 @@ _FRONTIER_PPO = {
 }
 """Of PPO on frontiers. An exploration ends after ``n_steps`` decisions at the latest; ``gamma`` is per second."""
 _WHEELS_PPO = {
-    "n_steps": 256,
-    "batch_size": 1024,
-    "n_epochs": 5,
-    "learning_rate": "lin_5e-4",
+    "n_steps": 128,
+    "batch_size": 2048,
+    "n_epochs": 3,
+    "learning_rate": "lin_3e-4",
     "gamma": DISCOUNT,
     "gae_lambda": 0.95,
     "clip_range": 0.2,
@@ -155,9 +153,9 @@ class TrainConfig(RunConfig):
 class WheelsConfig(RunConfig):
     """A training run on ``slamgym/Explore-v4`` with the observations ``compact_far``, at true poses."""
 
-    steps: Count = 4_000_000
+    steps: CountOrZero = 700_000
     """Decisions of all environments together."""
-    num_envs: Count = 32
+    num_envs: Count = 96
     """Environments, all in one batch."""
     reward: RewardConfig = WHEELS_REWARD
     """Weights of the reward terms."""
@@ -165,7 +163,7 @@ class WheelsConfig(RunConfig):
     """Algorithm and hyper-parameters."""
     start: Literal["scratch", "way"] = "way"
     """``scratch``: weights at random; ``way``: weights that drive to the nearest frontier."""
-    evaluate_every: CountOrZero = 250_000
+    evaluate_every: CountOrZero = 175_000
     """Decisions between two evaluations on validation plans; 0 for none."""
     evaluate_plans: Count = 64
     """Plans of an evaluation."""

@@ -159,7 +159,7 @@ class CompactObserver:
         num_beams: Of the scanner.
         limits: Largest speed [m/s], largest turning rate [rad/s] and largest range [m].
         side: Of the map's crop [m].
-        looks_far: True if the far look follows (:mod:`slamgym.envs.far_look`).
+        robot_radius: Of a robot that looks far (:mod:`slamgym.envs.far_look`) [m]; None for one that doesn't.
 
     Attributes:
         limits: As given, shape (3,).
@@ -172,13 +172,14 @@ class CompactObserver:
         num_beams: int,
         limits: tuple[float, float, float],
         side: float,
-        looks_far: bool = False,
+        robot_radius: float | None = None,
     ) -> None:
         self.limits = np.array(limits, dtype=np.float64)
         self.side = side
-        self._far = FarLook(1) if looks_far else None
+        self._far: FarLook | None = None
         size = compact_size(num_beams)
-        if looks_far:
+        if robot_radius is not None:
+            self._far = FarLook(1, robot_radius)
             size += FAR_SIZE
         self.space = spaces.Box(-1.0, 1.0, (size,), np.float32)
 
@@ -187,11 +188,12 @@ class CompactObserver:
         """The observer that the settings of an environment ask for."""
         lidar = config.lidar
         observation = config.observation
+        robot = config.robot
         return cls(
             num_beams=lidar.num_beams,
-            limits=(config.robot.max_linear, config.robot.max_angular, lidar.range_max),
+            limits=(robot.max_linear, robot.max_angular, lidar.range_max),
             side=observation.crop_side,
-            looks_far=observation.preset == "compact_far",
+            robot_radius=robot.radius if observation.preset == "compact_far" else None,
         )
 
     def refresh(self, published: MapTiles) -> None:

@@ -24,7 +24,7 @@ from slamgym.planning import (
     make_costmap,
     reachable_space,
 )
-from slamgym.planning.costmap import INSCRIBED_COST, NO_INFORMATION, Costmap
+from slamgym.planning.costmap import INSCRIBED_COST, NO_INFORMATION, Costmap, touched_cells
 from slamgym.planning.frontiers import fits_through, frontier_runs
 from slamgym.planning.promise import Promise, is_kept
 
@@ -121,16 +121,9 @@ class CompletionDetector:
 
     def _body_costs(self, grid: OccupancyGrid) -> Costmap:
         """The costs that :func:`make_costmap` would find, without its distances: by a disc about each occupied cell."""
-        import cv2
-
         cells = grid.cells
-        reach = (self._radius + 1e-9) / grid.frame.resolution
-        half = math.floor(reach)
-        squares = np.arange(-half, half + 1) ** 2
-        is_within = squares + squares[:, np.newaxis] <= reach**2
-        occupied = (cells == OCCUPIED).view(np.uint8)
-        touched = cv2.dilate(occupied, is_within.view(np.uint8))
-        costs = touched * np.uint8(INSCRIBED_COST) + occupied
+        touched = touched_cells(cells, (self._radius + 1e-9) / grid.frame.resolution)
+        costs = touched * np.uint8(INSCRIBED_COST) + (cells == OCCUPIED)
         costs[cells == UNKNOWN] = NO_INFORMATION
         return Costmap(costs, np.empty((0, 0), np.float32), grid.frame, cells, self._costs)
 

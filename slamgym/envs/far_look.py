@@ -1,7 +1,7 @@
 """The far look of the preset ``compact_far``: which way out of here leads to the nearest unknown space.
 
-On blocks of 4 x 4 cells of the map, those that the robot could cross learn how far it is from them to the nearest
-frontier (Yamauchi 1997), round walls, by Dial's search from all frontiers at once (Dial 1969). The map as last
+On blocks of 4 x 4 cells of the map, those that the robot's body could cross learn how far it is from them to the
+nearest frontier (Yamauchi 1997), round walls, by Dial's search from all frontiers at once (Dial 1969). The map as last
 published is looked at; the observation reads the lengths about the believed pose. All of it is belief.
 """
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from slamgym.core.jit import kernel
 from slamgym.core.types import (
+    FREE,
     OCCUPIED,
     UNKNOWN,
     ByteArray,
@@ -21,6 +22,7 @@ from slamgym.core.types import (
     IntArray,
 )
 from slamgym.envs.batch.arrays import put
+from slamgym.planning.costmap import touched_cells
 
 SECTORS = 24
 """Directions in which the robot could leave, counter-clockwise from ahead."""
@@ -43,7 +45,9 @@ _LAST_STEP = 12
 _UNKNOWN_BLOCK = -1
 """Mark of a block of which nothing is known."""
 _BLOCKED = -2
-"""Mark of a block that holds an occupied cell."""
+"""Mark of a block that holds an occupied cell, and no place for the robot's centre."""
+_TIGHT = -3
+"""Mark of a block that is free, but too near to something for the robot's centre: it can be seen from beside."""
 _UNREACHED = 1 << 30
 """Mark of a block that can be crossed, and to which no way was found yet."""
 _STRAIGHT = 2
@@ -53,17 +57,19 @@ _DIAGONAL = 3
 
 
 @kernel
-def draw_blocks(cells: ByteArray, blocks: Int32Array) -> None:
-    """Tell blocks that hold an occupied cell, those of which nothing is known, and those that can be crossed.
+def draw_blocks(cells: ByteArray, touched: ByteArray, blocks: Int32Array) -> None:
+    """Tell blocks that can be crossed, those that hold an occupied cell, and those of which nothing is known.
 
     Args:
         cells: The map, shape (4 h, 4 w).
+        touched: Not 0 where the body of a robot with its centre there would touch something, shape (4 h, 4 w).
         blocks: Receives the blocks, and one more to every side, shape (h + 2, w + 2).
     """
     blocks[:] = _UNKNOWN_BLOCK
     width = cells.shape[1]
     least = np.empty(width, np.uint8)
     most = np.empty(width, np.uint8)
+    open_cells = np.empty(width, np.uint8)
     for i in range(blocks.shape[0] - 2):
         # Occupied is less than unknown, and free more.
         first = BLOCK_SIDE * i
@@ -74,16 +80,23 @@ def draw_blocks(cells: ByteArray, blocks: Int32Array) -> None:
         for c in range(width):
             least[c] = min(one[c], two[c], three[c], four[c])
             most[c] = max(one[c], two[c], three[c], four[c])
+            open_cells[c] = 0
+            for r in range(first, first + BLOCK_SIDE):
+                open_cells[c] |= cells[r, c] == FREE and touched[r, c] == 0
         for j in range(blocks.shape[1] - 2):
             low = UNKNOWN
             high = UNKNOWN
+            has_room = np.uint8(0)
             for c in range(BLOCK_SIDE * j, BLOCK_SIDE * (j + 1)):
                 low = min(low, least[c])
                 high = max(high, most[c])
-            if low == OCCUPIED:
+                has_room |= open_cells[c]
+            if has_room:
+                blocks[i + 1, j + 1] = _UNREACHED
+            elif low == OCCUPIED:
                 blocks[i + 1, j + 1] = _BLOCKED
             elif high != UNKNOWN:
-                blocks[i + 1, j + 1] = _UNREACHED
+                blocks[i + 1, j + 1] = _TIGHT
 
 
 @kernel
@@ -131,14 +144,14 @@ def _cuts_corner(flat: Int32Array, cell: int, around: tuple[int, ...], d: int) -
 
 @kernel
 def _find_frontiers(blocks: Int32Array, found: Int32Array) -> int:
-    """Mark as 0 and list the blocks that can be crossed and touch an unknown one, two or more together."""
+    """Mark as 0 and list the free blocks that touch an unknown one, two or more together."""
     cols = blocks.shape[1]
     flat = blocks.reshape(-1)
     straight = (1, cols, -1, -cols)
     around = (1, cols + 1, cols, cols - 1, -1, -cols - 1, -cols, 1 - cols)
     borders = np.zeros(flat.size, dtype=np.uint8)
     for cell in range(cols + 1, flat.size - cols - 1):
-        if flat[cell] == _UNREACHED:
+        if flat[cell] in (_UNREACHED, _TIGHT):
             for step in straight:
                 borders[cell] |= flat[cell + step] == _UNKNOWN_BLOCK
     count = 0
@@ -226,7 +239,7 @@ def _way_by(blocks: Int32Array, row: float, col: float, up: float, right: float)
         way = blocks[r, c] if 0 <= r < rows and 0 <= c < cols else _UNKNOWN_BLOCK
         if way == _UNKNOWN_BLOCK:
             return min(best, float(step)) if was_frontier else best
-        if way in (_BLOCKED, _UNREACHED):
+        if way in (_BLOCKED, _TIGHT, _UNREACHED):
             # The robot may stand in a block with a wall.
             if is_leaving and step < 2:
                 continue
@@ -245,9 +258,11 @@ class FarLook:
 
     Args:
         count: Number of robots.
+        robot_radius: Of each [m].
     """
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, count: int, robot_radius: float) -> None:
+        self._radius = robot_radius
         self._ways: Any = np.zeros((count, 0), dtype=np.int32)
         self._shapes = np.zeros((count, 2), dtype=np.int64)
         self._corners = np.zeros((count, 2), dtype=np.int64)
@@ -268,7 +283,9 @@ class FarLook:
         self._corners[index] = row // BLOCK_SIDE - 1, col // BLOCK_SIDE - 1
         self._size = resolution * BLOCK_SIDE
         blocks = self._ways[index, :count].reshape(rows, cols)
-        draw_blocks(cells, blocks)
+        # The face of a wall may lie anywhere in its cell.
+        touched = touched_cells(cells, self._radius / resolution + 0.5)
+        draw_blocks(cells, touched, blocks)
         measure_ways(blocks)
 
     def write(self, ids: IntArray, poses: FloatArray, out: Float32Array) -> None:

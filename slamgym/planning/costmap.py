@@ -221,6 +221,17 @@ def make_costmap(
     return Costmap(costs, distance, frame, cells, config)
 
 
+def touched_cells(cells: ByteArray, reach: float) -> ByteArray:
+    """1 where an occupied cell lies within ``reach`` cells, else 0: for bodies alone, without distances."""
+    import cv2
+
+    half = math.floor(reach)
+    squares = np.arange(-half, half + 1) ** 2
+    is_within = squares + squares[:, np.newaxis] <= reach**2
+    occupied = (cells == OCCUPIED).view(np.uint8)
+    return cv2.dilate(occupied, is_within.view(np.uint8)).astype(np.uint8, copy=False)
+
+
 def _offset_in(before: Costmap, frame: GridFrame, config: CostmapConfig) -> tuple[int, int] | None:
     """Row and column of an older costmap's corner on a frame; None if nothing of it can be taken over.
 

@@ -32,6 +32,8 @@ _STANDSTILL = 0.02
 """A robot slower than this is held back [m/s]."""
 _HORIZON = 1.2
 """Time ahead for which arcs are checked against the scan [s]: the robot comes to rest within it."""
+_WAYS_OUT = 24
+"""Directions in which a robot that can't go where it should looks for a way out."""
 _LEAST_GAIN = 0.02
 """An arc that ends less than this nearer to where the robot wants to go isn't worth driving [m]."""
 _SEARCHED = 40
@@ -157,12 +159,17 @@ class PathFollower:
     def avoid(self, command: Twist2D, ranges: Float32Array) -> Twist2D:
         """A velocity or, where the scan shows that it isn't free, the free arc that ends nearest to where it leads.
 
-        Nothing is seen behind, so a velocity back stays as it is.
+        Where none is free, or something ahead seems to touch the body, it turns to the nearest way out: who only stops
+        stands there forever, and noise lets it creep on. Nothing is seen behind, so it never drives back.
         """
         linear, angular = command
+        if linear <= 0.0:
+            return Twist2D(0.0, angular)
         near = self._near(self.points(ranges))
+        if self._touches_ahead(near):
+            return self._way_out(near, angular)
         free = self._free_time(near, linear, angular)
-        if linear <= 0.0 or free >= _HORIZON:
+        if free >= _HORIZON:
             return command
         turned = 0.5 * angular * _HORIZON
         shortening = math.sin(turned) / turned if abs(turned) > 1e-9 else 1.0
@@ -173,7 +180,34 @@ class PathFollower:
         free_linear, free_angular, gain = best_arc(near, end, fastest, self._apart, step)
         if gain > _LEAST_GAIN:
             return Twist2D(free_linear, free_angular)
-        return Twist2D(linear * free / _HORIZON, angular)
+        slowed = linear * free / _HORIZON
+        if slowed > _STANDSTILL:
+            return Twist2D(slowed, angular)
+        return self._way_out(near, angular)
+
+    def _touches_ahead(self, obstacles: FloatArray) -> bool:
+        """True if something in front of the axle seems to touch the body."""
+        x, y = obstacles.T
+        touched = np.hypot(x, y) < self.context.robot_radius
+        return bool(touched[x > 0.0].any())
+
+    def _way_out(self, obstacles: FloatArray, preferred: float) -> Twist2D:
+        """Turn to the nearest direction in which it could drive straight on; of two the one to the preferred side.
+
+        While the robot turns there, it stays the nearest.
+        """
+        x, y = obstacles.T
+        for k in range(_WAYS_OUT // 2 + 1):
+            for side in (1.0, -1.0):
+                turn = side * math.copysign(2.0 * math.pi * k / _WAYS_OUT, preferred)
+                cos = math.cos(turn)
+                sin = math.sin(turn)
+                turned = np.column_stack([x * cos + y * sin, y * cos - x * sin])
+                free = self._free_time(turned, _SQUEEZE_SPEED, 0.0)
+                if free >= _HORIZON and not self._touches_ahead(turned):
+                    linear = 0.0 if k else _SQUEEZE_SPEED
+                    return Twist2D(linear, math.copysign(self.turn_rate(turn), turn))
+        return Twist2D(0.0, math.copysign(self.fastest_turn, preferred))
 
     def _near(self, obstacles: FloatArray) -> FloatArray:
         """Those obstacles that the robot could come to within the horizon."""

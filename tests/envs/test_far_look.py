@@ -11,12 +11,13 @@ from slamgym.envs.compact import CompactObserver, MapTiles, compact_size
 from slamgym.envs.far_look import FAR_SIZE, SECTORS
 
 FRAME = GridFrame(0.05, -12.8, -12.8, 512, 512)
+RADIUS = 0.22
 NOTHING = np.full(180, np.inf, dtype=np.float32)
 
 
 def observe(cells, pose, frame=FRAME):
     """The near numbers, those of the directions, the length of the shortest way [m], and where it leaves."""
-    observer = CompactObserver(180, (0.26, 1.82, 3.5), 8.4, looks_far=True)
+    observer = CompactObserver(180, (0.26, 1.82, 3.5), 8.4, RADIUS)
     shown = MapTiles.of_grid(cells, frame)
     observer.refresh(shown)
     seen = observer.observe(shown, NOTHING, pose, Twist2D(0.0, 0.0))
@@ -61,6 +62,18 @@ def test_ways_lead_round_walls():
     assert way > 4.0  # 1.1 m through the wall
     assert right > 0.8 > ahead
     assert leaves[1] < -0.8
+
+
+@pytest.mark.parametrize(("gap", "fits"), [(0.40, False), (0.65, True)])
+def test_ways_lead_through_gaps_that_the_robot_fits_through(gap, fits):
+    cells = np.full(FRAME.shape, OCCUPIED, dtype=np.uint8)
+    cells[200:312, 200:312] = FREE
+    cells[200:312, 256:260] = OCCUPIED  # a wall across, with a gap
+    half = round(0.5 * gap / 0.05)
+    cells[256 - half : 256 + half + round(gap / 0.05) % 2, 256:260] = FREE
+    cells[200:312, 312:316] = UNKNOWN  # beyond the other half
+    _, directions, way, _ = observe(cells, Pose2D(-1.5, 1.5, 0.0))
+    assert (way < 25.0) == directions.any() == fits
 
 
 def test_without_a_border_nothing_is_to_be_done():

@@ -325,3 +325,24 @@ def test_normalised_and_physical_actions_are_the_same_velocity():
     np.testing.assert_allclose(context.to_action(Twist2D(0.13, -9.0)), [0.5, -1.0])
     physical = replace(context, normalized_actions=False)
     np.testing.assert_allclose(physical.to_action(Twist2D(0.13, -9.0)), [0.13, -1.82], rtol=1e-6)
+
+
+def test_a_velocity_is_led_round_what_the_scan_shows():
+    laser = LaserGeometry(180, -math.pi / 2, math.pi / 179, 0.12, 3.5, Pose2D(-0.03, 0.0, 0.0))
+    follower = PathFollower(ExplorerContext(frame=GridFrame(0.05, 0.0, 0.0, 9, 9), geometry=laser))
+
+    def led(command, distance, bearing):
+        """Past a post at a distance of the robot's centre and a bearing."""
+        x = distance * np.cos(bearing) - laser.mount.x
+        y = distance * np.sin(bearing) - laser.mount.y
+        is_post = np.abs(laser.angles - np.arctan2(y, x)) < 0.1
+        ranges = np.where(is_post, np.hypot(x, y), np.inf).astype(np.float32)
+        return follower.avoid(Twist2D(*command), ranges)
+
+    assert led((0.2, 0.1), 1.5, 0.0) == (0.2, 0.1)  # far off
+    round_it = led((0.2, 0.0), 0.45, 0.2)
+    assert round_it.linear > 0.0 > round_it.angular
+    for side in (1.0, -1.0):
+        assert led((0.2, 0.0), 0.2, 0.5 * side) == (0.0, -side * follower.fastest_turn)
+        assert led((0.2, 0.0), 0.2, 1.8 * side) == (0.2, 0.0)  # it has turned away
+    assert led((-0.2, 0.3), 1.5, 0.0) == (0.0, 0.3)  # nothing is seen behind

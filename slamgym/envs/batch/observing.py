@@ -40,7 +40,7 @@ class BatchObserver:
         if beliefs.is_mapped_together:
             beliefs.target = KernelTarget(view, self._seen)
             if observation.preset == "compact_far":
-                self._far = FarLook(count)
+                self._far = FarLook(count, self._config.robot.radius)
 
     def begin(self, ids: IntArray) -> None:
         """Forget the maps of robots that begin an episode."""
