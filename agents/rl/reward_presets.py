@@ -7,7 +7,8 @@ Your own term needs no preset: ``slamgym agents shape --term my_module:my_functi
 from dataclasses import field, replace
 from typing import Literal
 
-from slamgym.agents.rl.train_config import DISCOUNT, HOLD, TrainConfig, WheelsConfig
+from slamgym.agents.rl.learner import LearnerConfig
+from slamgym.agents.rl.train_config import DISCOUNT, HOLD, SCRATCH_PPO, TrainConfig, WheelsConfig
 from slamgym.core.config import Count, Settings, suggest
 from slamgym.core.errors import ConfigError
 from slamgym.envs import RewardConfig
@@ -66,7 +67,12 @@ class ShapingConfig(Settings):
     """Held-out plans that every policy explores at the end."""
     train: WheelsConfig = field(
         default_factory=lambda: WheelsConfig(
-            steps=150_000, start="scratch", evaluate_every=0, evaluate_seconds=90.0
+            steps=150_000,
+            num_envs=32,
+            learner=LearnerConfig(hyperparameters=SCRATCH_PPO),
+            start="scratch",
+            evaluate_every=0,
+            evaluate_seconds=90.0,
         )
     )
     """Each run that drives the wheels, but for its reward and seed."""

@@ -74,6 +74,14 @@ _WHEELS_PPO = {
     "target_kl": 0.03,
 }
 """Of PPO on the wheels."""
+SCRATCH_PPO = {
+    **_WHEELS_PPO,
+    "n_steps": 256,
+    "batch_size": 1024,
+    "n_epochs": 5,
+    "learning_rate": "lin_5e-4",
+}
+"""The same with larger steps, by which random weights learn something in short runs."""
 
 
 class RunConfig(Settings):

@@ -1,12 +1,13 @@
 r"""Coverage by the policy that drives the wheels, in 90 s of buildings that it didn't learn on, and by frontier rules.
 
 Every explorer gets the same plans of the test split, starts and seeds; 95 % bootstrap intervals over plans. With
-``--until`` explorations end at this coverage, and times are set against those of the first explorer.
+``--until`` explorations end at this coverage, and times are set against those of the first explorer; ``--curve`` draws
+``docs/images/wheels_curve.png``.
 
     python benchmarks/exploring/wheels.py --plans procedural json.tar.gz --count 60 [--localization rbpf]
     python benchmarks/exploring/wheels.py --plans procedural json.tar.gz --until 0.99 --seconds 900 \
         --explorers tour wheels
-    python benchmarks/exploring/wheels.py --curve run/validation.csv    # docs/images/wheels_curve.png
+    python benchmarks/exploring/wheels.py --curve seed0/validation.csv seed1/validation.csv seed2/validation.csv
 """
 
 import argparse
@@ -50,7 +51,7 @@ def main() -> None:
     parser.add_argument("--until", type=float, default=2.0)
     parser.add_argument("--localization", default="ground_truth")
     parser.add_argument("--explorers", nargs="+", default=["wheels", "random", "explore_lite"])
-    parser.add_argument("--curve", type=Path, help="draw a run's validation instead")
+    parser.add_argument("--curve", type=Path, nargs="+", help="draw validations of runs instead")
     arguments = parser.parse_args()
     if arguments.curve:
         draw_curve(arguments.curve)
@@ -85,14 +86,18 @@ def measure(
     return row | {"CPU s a plan": (time.process_time() - begin) / len(plans)}, outcomes[:, -1]
 
 
-def draw_curve(path: Path) -> None:
-    """Time and contacts over the CPU time of a training."""
+def draw_curve(paths: Sequence[Path]) -> None:
+    """Time and contacts over the CPU time of trainings; a star where their last weights are averaged."""
     from matplotlib.figure import Figure
 
-    table = np.genfromtxt(path, delimiter=",", names=True)
     figure = Figure(figsize=(8.0, 3.0), layout="constrained")
     for axes, column in zip(figure.subplots(1, 2), TITLES, strict=True):
-        axes.plot(table["training_cpu_seconds"], table[column], marker="o", markersize=3)
+        for number, path in enumerate(paths):
+            table = np.genfromtxt(path, delimiter=",", names=True)
+            spent = table["training_cpu_seconds"]
+            colour = f"C{number}"
+            axes.plot(spent[:-1], table[column][:-1], color=colour, marker="o", markersize=3)
+            axes.plot(spent[-1], table[column][-1], color=colour, marker="*", markersize=9)
         axes.set(xlabel="CPU time of the training [s]", ylim=(0.0, None), title=TITLES[column])
         axes.grid(alpha=0.3)
     figure.savefig(IMAGE, dpi=110)

@@ -153,7 +153,7 @@ def test_the_mean_of_the_last_quarter_is_judged_like_any_weights(tmp_path):
     train_wheels(dataclasses.replace(TINY, steps=96), tmp_path)
     assert read_wheels(tmp_path / "mean.safetensors").about["mean_of"] == ["72", "96"]
     steps = [row["steps"] for row in read_validation(tmp_path)]
-    assert steps == [24, 48, 72, 96, 96]
+    assert steps == [0, 24, 48, 72, 96, 96]
 
 
 def test_the_mean_of_weights_says_which_it_is_of(tmp_path, weights):
