@@ -220,9 +220,8 @@ class _Keep(BaseCallback):
             )
         self._rows = read_validation(out)
         last = self._rows[-1] if self._rows else {}
-        self._validate_at = (
-            last.get("steps", -self._every) + self._every
-        )  # also what it begins with
+        # What a run begins with is judged, too.
+        self._validate_at = last.get("steps", -self._every) + self._every
         self._spent = last.get("training_cpu_seconds", 0.0)
         self._clock = time.process_time()
         self._save_at = 0.0

@@ -69,7 +69,6 @@ def draw_blocks(cells: ByteArray, touched: ByteArray, blocks: Int32Array) -> Non
     width = cells.shape[1]
     least = np.empty(width, np.uint8)
     most = np.empty(width, np.uint8)
-    open_cells = np.empty(width, np.uint8)
     for i in range(blocks.shape[0] - 2):
         # Occupied is less than unknown, and free more.
         first = BLOCK_SIDE * i
@@ -80,17 +79,15 @@ def draw_blocks(cells: ByteArray, touched: ByteArray, blocks: Int32Array) -> Non
         for c in range(width):
             least[c] = min(one[c], two[c], three[c], four[c])
             most[c] = max(one[c], two[c], three[c], four[c])
-            open_cells[c] = 0
-            for r in range(first, first + BLOCK_SIDE):
-                open_cells[c] |= cells[r, c] == FREE and touched[r, c] == 0
         for j in range(blocks.shape[1] - 2):
             low = UNKNOWN
             high = UNKNOWN
-            has_room = np.uint8(0)
+            has_room = False
             for c in range(BLOCK_SIDE * j, BLOCK_SIDE * (j + 1)):
                 low = min(low, least[c])
                 high = max(high, most[c])
-                has_room |= open_cells[c]
+                for r in range(first, first + BLOCK_SIDE):
+                    has_room |= cells[r, c] == FREE and touched[r, c] == 0
             if has_room:
                 blocks[i + 1, j + 1] = _UNREACHED
             elif low == OCCUPIED:

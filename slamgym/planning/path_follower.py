@@ -32,8 +32,10 @@ _STANDSTILL = 0.02
 """A robot slower than this is held back [m/s]."""
 _HORIZON = 1.2
 """Time ahead for which arcs are checked against the scan [s]: the robot comes to rest within it."""
-_WAYS_OUT = 24
-"""Directions in which a robot that can't go where it should looks for a way out."""
+_WAYS_OUT = tuple(
+    sorted((math.tau * k / 24 for k in range(-11, 13)), key=lambda turn: (abs(turn), -turn))
+)
+"""Turns to directions in which a robot that can't go where it should looks for a way out, the least first [rad]."""
 _LEAST_GAIN = 0.02
 """An arc that ends less than this nearer to where the robot wants to go isn't worth driving [m]."""
 _SEARCHED = 40
@@ -197,16 +199,15 @@ class PathFollower:
         While the robot turns there, it stays the nearest.
         """
         x, y = obstacles.T
-        for k in range(_WAYS_OUT // 2 + 1):
-            for side in (1.0, -1.0):
-                turn = side * math.copysign(2.0 * math.pi * k / _WAYS_OUT, preferred)
-                cos = math.cos(turn)
-                sin = math.sin(turn)
-                turned = np.column_stack([x * cos + y * sin, y * cos - x * sin])
-                free = self._free_time(turned, _SQUEEZE_SPEED, 0.0)
-                if free >= _HORIZON and not self._touches_ahead(turned):
-                    linear = 0.0 if k else _SQUEEZE_SPEED
-                    return Twist2D(linear, math.copysign(self.turn_rate(turn), turn))
+        for to_left in _WAYS_OUT:
+            turn = math.copysign(1.0, preferred) * to_left
+            cos = math.cos(turn)
+            sin = math.sin(turn)
+            turned = np.column_stack([x * cos + y * sin, y * cos - x * sin])
+            free = self._free_time(turned, _SQUEEZE_SPEED, 0.0)
+            if free >= _HORIZON and not self._touches_ahead(turned):
+                linear = 0.0 if turn else _SQUEEZE_SPEED
+                return Twist2D(linear, math.copysign(self.turn_rate(turn), turn))
         return Twist2D(0.0, math.copysign(self.fastest_turn, preferred))
 
     def _near(self, obstacles: FloatArray) -> FloatArray:
