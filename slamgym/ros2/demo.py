@@ -8,6 +8,7 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from std_msgs.msg import Float32
 
@@ -31,7 +32,7 @@ class DemoNode(RosNode):
 
     Attributes:
         coverage: Share of the reachable floor that was seen.
-        error: Between the pose that is believed and the true one [m].
+        errors: Between the poses that were believed and the true ones, in order [m].
         stamp: Robot time [s].
         ended: Name of the process that has ended.
     """
@@ -43,7 +44,7 @@ class DemoNode(RosNode):
         self._nodes = nodes
         self._truth = PoseHistory()
         self.coverage = 0.0
-        self.error = math.nan
+        self.errors: list[float] = []
         self.stamp = 0.0
         self.ended = ""
         self.listen(Float32, "ground_truth/coverage", self._take_coverage)
@@ -62,7 +63,7 @@ class DemoNode(RosNode):
         truth = self._truth.at(self.stamp)
         pose = pose_of(message.pose.pose, "pose")
         if truth is not None:
-            self.error = math.dist(pose[:2], truth[:2])
+            self.errors.append(math.dist(pose[:2], truth[:2]))
 
     def _look(self) -> None:
         """End as soon as one of the nodes has ended."""
@@ -96,11 +97,13 @@ def run_demo(parameters: DemoParameters, ros_arguments: Sequence[str]) -> int:
         for node in reversed(nodes.values()):
             end_process(node)
     seen = watched[0]
+    errors = seen.errors or [math.nan]
     if seen.ended not in ("", "explore"):
         raise SlamgymError(f"the node {seen.ended} ended early; its last lines say why")
     say(
         f"{100.0 * seen.coverage:.1f} % of the floor seen in {duration(seen.stamp)} of robot time "
-        f"({duration(time.monotonic() - begun)} here); the robot is {seen.error:.2f} m from where it believes to be"
+        f"({duration(time.monotonic() - begun)} here); the robot was {np.mean(errors):.3f} m from where it believed to "
+        f"be on average, {errors[-1]:.2f} m at the end"
     )
     tell(str(parameters.out))
     return int(nodes["explore"].returncode)
