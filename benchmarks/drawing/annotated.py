@@ -13,7 +13,6 @@ import cv2
 import numpy as np
 import shapely
 from shapely import Polygon
-from sklearn.model_selection import GroupKFold
 
 from slamgym.cad.polygons import largest_part
 from slamgym.core.types import FloatArray, GridFrame, IntArray, OccupancyGrid
@@ -27,7 +26,6 @@ WIDEST_DOOR = 1.6
 VACUUMS = ("Hypfer", "sca075", "konqi", "jaidenlabelle")
 """Owners of the repositories whose maps were made by vacuums."""
 MAY_BE_USED = "ok-with-notice"
-FOLDS = 5
 
 
 @dataclass(frozen=True)
@@ -111,13 +109,6 @@ def read_annotated(folder: Path) -> list[AnnotatedMap]:
     """All maps of a folder of sets, ``*/*/rooms.json``."""
     paths = sorted(folder.glob("*/*/rooms.json"))
     return [AnnotatedMap(path.parent, json.loads(path.read_text("utf-8"))) for path in paths]
-
-
-def building_folds(maps: Sequence[AnnotatedMap]) -> list[tuple[list[int], list[int]]]:
-    """Numbers of the maps to fit to and of those left out; a building is in one fold."""
-    buildings = [one.building for one in maps]
-    found = GroupKFold(FOLDS).split(buildings, groups=buildings)
-    return [(kept.tolist(), left.tolist()) for kept, left in found]
 
 
 def in_metres(pixels: Sequence[Sequence[float]], frame: GridFrame) -> FloatArray:

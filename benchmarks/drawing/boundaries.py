@@ -1,6 +1,6 @@
 """Fit what makes a line across the floor a boundary between two rooms: slamgym/drawing/pretrained/boundaries.json.
 
-    python benchmarks/drawing/boundaries.py real_rooms --networks out/networks -o out/rooms
+    python benchmarks/drawing/boundaries.py real_rooms -o out/rooms
     python benchmarks/drawing/real_rooms.py real_rooms network=out/rooms/slam2cad cleaning=out/rooms/none   # the table
 
 The folder holds annotated maps, ``*/*/rooms.json`` and ``map.yaml``, and their ``score.py``. A logistic function of the
@@ -8,9 +8,8 @@ signs of all candidates is fitted to the maps whose licence allows it. Its const
 that are drawn are best: fitted to lines, it draws too few, for a boundary missed spoils two rooms, one too many splits
 one. Over a wide range rooms are almost as good, so by how much is the mean of what is best for resampled buildings
 (bagging), the same for both floor models. Every map of the output is drawn by what was fitted and chosen without its
-building, in five folds, and by a network that didn't learn from it either (``annotated_doors.py``); once more,
-``MODEL-asked``, after the questions that its report asks were answered as the annotation has it. Candidates and signs
-are kept in build/boundaries until the code changes.
+building, in five folds; once more, ``MODEL-asked``, after the questions that its report asks were answered as the
+annotation has it. Candidates and signs are kept in build/boundaries until the code changes.
 """
 
 import argparse
@@ -27,11 +26,11 @@ import joblib
 import numpy as np
 from sklearn.linear_model import LogisticRegression
 from sklearn.metrics import average_precision_score, log_loss
+from sklearn.model_selection import GroupKFold
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 import slamgym
-from slamgym.core.files import sha256_of
 from slamgym.core.types import BoolArray, FloatArray
 from slamgym.drawing import FloorModel, load_floor_model
 from slamgym.drawing.boundaries import PRETRAINED, BoundaryModel
@@ -48,19 +47,13 @@ from slamgym.drawing.vectorise import known_part
 from slamgym.metrics.wall_direction import find_wall_direction
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-from annotated import (
-    WIDEST_DOOR,
-    AnnotatedMap,
-    building_folds,
-    read_annotated,
-    scorer,
-    write_division,
-)
+from annotated import WIDEST_DOOR, AnnotatedMap, read_annotated, scorer, write_division
 from report import print_and_save
 
 MODULES = ("slamgym/drawing",)
 """What is measured."""
 ROOT = Path(__file__).parents[2]
+FOLDS = 5
 REGULARISATION = 0.03
 """Inverse strength, of standardised signs."""
 RAISED = 0.3 * np.arange(7)
@@ -106,13 +99,10 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("rooms", type=Path, help="folder of annotated maps and their score.py")
-    parser.add_argument(
-        "--networks", type=Path, required=True, help="folder of one network without each fold"
-    )
     parser.add_argument("-o", "--output", type=Path, required=True, help="folder for the drawings")
     arguments = parser.parse_args()
     rooms = Rooms(scorer(arguments.rooms))
-    by_network = prepared_examples(arguments.rooms, arguments.networks)
+    by_network = prepared_examples(arguments.rooms)
     by_cleaning = [without_network(one) for one in by_network]
     prepared = dict(zip(MODELS, (by_network, by_cleaning), strict=True))
     fitted = {name: crossed(examples) for name, examples in prepared.items()}
@@ -139,24 +129,14 @@ def main() -> None:
     print_and_save("drawing/boundaries", title, table, COLUMNS, MODULES)
 
 
-def prepared_examples(folder: Path, networks: Path) -> list[Example]:
-    """The annotated maps of a folder with candidates by networks that never saw them, kept until the code changes."""
+def prepared_examples(folder: Path) -> list[Example]:
+    """The annotated maps of a folder with candidates by the network, kept until the code changes."""
     prepare = joblib.Memory(ROOT / "build" / "boundaries", verbose=0).cache(
         example, ignore=["model"]
     )
-    maps = read_annotated(folder)
-    examples: dict[int, Example] = {}
-    for fold, (_, left) in enumerate(building_folds(maps)):
-        path = network_of(networks, fold)
-        network = load_floor_model(str(path))
-        digest = code_digest() + sha256_of(path)
-        examples |= {i: prepare(maps[i], digest, network) for i in left}
-    return [examples[i] for i in range(len(maps))]
-
-
-def network_of(networks: Path, fold: int) -> Path:
-    """The network that never saw a fold's maps."""
-    return networks / f"fold{fold}.safetensors"
+    network = load_floor_model(NETWORK)
+    digest = code_digest()
+    return [prepare(one, digest, network) for one in read_annotated(folder)]
 
 
 def about(used: Sequence[AnnotatedMap]) -> dict[str, Any]:
@@ -234,10 +214,17 @@ def raise_constant(model: BoundaryModel, by: float) -> BoundaryModel:
     return replace(model, constant=round(model.constant + by, 4))
 
 
+def folds(examples: Sequence[Example]) -> list[tuple[list[int], list[int]]]:
+    """Numbers of the maps to fit to and of those left out; a building is in one fold."""
+    buildings = [one.map.building for one in examples]
+    found = GroupKFold(FOLDS).split(buildings, groups=buildings)
+    return [(kept.tolist(), left.tolist()) for kept, left in found]
+
+
 def crossed(examples: Sequence[Example]) -> list[FloatArray]:
     """Log odds of all candidates by what was fitted without their fold."""
     odds: list[FloatArray] = [np.zeros(0)] * len(examples)
-    for kept, left in building_folds([one.map for one in examples]):
+    for kept, left in folds(examples):
         model = fit([examples[i] for i in kept])
         for i in left:
             odds[i] = model.log_odds(examples[i].candidates.signs)
@@ -247,7 +234,7 @@ def crossed(examples: Sequence[Example]) -> list[FloatArray]:
 def raised_by(examples: Sequence[Example], f1: FloatArray, buildings: np.ndarray) -> list[float]:
     """By how much the constant of each map is raised: as suits the rooms of the other folds, whose F1 is given."""
     raised = [0.0] * len(examples)
-    for kept, left in building_folds([one.map for one in examples]):
+    for kept, left in folds(examples):
         for i in left:
             raised[i] = best_raise(f1[kept], buildings[kept])
     return raised

@@ -1,7 +1,7 @@
 """Correct drawings of real maps by clicks in a browser, as a person would, and count them.
 
-    python benchmarks/drawing/boundaries.py real_rooms --networks out/networks -o out/rooms
-    python benchmarks/drawing/clicks.py real_rooms out/rooms/slam2cad --networks out/networks
+    python benchmarks/drawing/boundaries.py real_rooms -o out/rooms
+    python benchmarks/drawing/clicks.py real_rooms out/rooms/slam2cad
 
 The folder holds annotated maps, ``*/*/rooms.json`` and ``map.yaml``, and their ``score.py``. Six maps whose drawings
 aren't usable, made by weights that were fitted without their buildings, are opened in headless Chromium, whose mouse
@@ -30,8 +30,8 @@ from slamgym.drawing.formats.html import format_html
 from slamgym.drawing.formats.json import format_json
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-from annotated import WIDEST_DOOR, AnnotatedMap, building_folds, scorer
-from boundaries import BESIDE_LINE, fit, network_of, prepared_examples, raise_constant
+from annotated import WIDEST_DOOR, AnnotatedMap, scorer
+from boundaries import BESIDE_LINE, NETWORK, fit, folds, prepared_examples, raise_constant
 from browser import Page
 from report import print_and_save
 
@@ -112,13 +112,9 @@ def main() -> None:
     )
     parser.add_argument("rooms", type=Path, help="folder of annotated maps and their score.py")
     parser.add_argument("drawings", type=Path, help="their drawings by boundaries.py")
-    parser.add_argument(
-        "--networks", type=Path, required=True, help="folder of one network without each fold"
-    )
     arguments = parser.parse_args()
     score = scorer(arguments.rooms).score
-    examples = prepared_examples(arguments.rooms, arguments.networks)
-    folds = building_folds([one.map for one in examples])
+    examples = prepared_examples(arguments.rooms)
     bad = [
         number
         for number, one in enumerate(examples)
@@ -128,21 +124,19 @@ def main() -> None:
     ]
     rows = []
     for number in bad[:: len(bad) // MAPS][:MAPS]:
-        (fold,) = [fold for fold, (_, left) in enumerate(folds) if number in left]
-        model = raise_constant(fit([examples[i] for i in folds[fold][0]]), RAISED)
-        models = BoundaryModels(model, model, {})
-        network = network_of(arguments.networks, fold)
-        rows.append(corrected(examples[number].map, models, str(network), score))
+        (kept,) = [kept for kept, left in folds(examples) if number in left]
+        model = raise_constant(fit([examples[i] for i in kept]), RAISED)
+        rows.append(corrected(examples[number].map, BoundaryModels(model, model, {}), score))
         print(rows[-1])
     title = "Drawings of real maps, corrected by clicks in a browser"
     print_and_save("drawing/clicks", title, rows, COLUMNS, MODULES)
 
 
-def corrected(one: AnnotatedMap, models: BoundaryModels, network: str, score: Any) -> list[Any]:
+def corrected(one: AnnotatedMap, models: BoundaryModels, score: Any) -> list[Any]:
     """A row of the table: a map's drawing before and after."""
     folder = Path(tempfile.mkdtemp())
     with mock.patch.object(BoundaryModels, "pretrained", return_value=models):
-        before = make_drawing(one.grid, one.name, network)
+        before = make_drawing(one.grid, one.name, NETWORK)
         with Page(format_html(before), folder) as page:
             user = User(page)
             questions = answer_all(user, one)
@@ -151,7 +145,7 @@ def corrected(one: AnnotatedMap, models: BoundaryModels, network: str, score: An
             saved = page.evaluate('document.getElementById("json").value')
         path = folder / "saved.json"
         path.write_text(saved, encoding="utf-8")
-        after = make_drawing(one.grid, one.name, network, corrections=read_corrections(path))
+        after = make_drawing(one.grid, one.name, NETWORK, corrections=read_corrections(path))
     row: list[Any] = [one.name, one.set, questions, user.clicks]
     scores = []
     for drawing in (before, after):

@@ -9,7 +9,6 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -58,11 +57,7 @@ class BatchSampler:
     """Draws batches: every pair once per pass, in an order that changes from pass to pass."""
 
     def __init__(
-        self,
-        pairs: PairSet,
-        config: TranslatorTrainingConfig,
-        rng: np.random.Generator,
-        doors: Mapping[int, IntArray] = MappingProxyType({}),
+        self, pairs: PairSet, config: TranslatorTrainingConfig, rng: np.random.Generator
     ) -> None:
         """Prepare the stream that a training draws from.
 
@@ -70,7 +65,6 @@ class BatchSampler:
             pairs: What to draw from.
             config: Of the training.
             rng: Source of the order and of all changes.
-            doors: The pixels of doors, flat, of pairs whose doors are known; those of others are found.
         """
         self._pairs = pairs
         self._config = config
@@ -79,7 +73,7 @@ class BatchSampler:
         self._order = self._shuffled()
         self._position = 0
         self._threads = ThreadPoolExecutor(torch.get_num_threads())
-        self._doors = dict(doors)
+        self._doors: dict[int, IntArray] = {}
         self._ahead: deque[_Ahead] = deque()
 
     def draw(self, count: int) -> Batch:

@@ -7,7 +7,7 @@ import numpy as np
 from slamgym.core.types import ByteArray, Float32Array
 from slamgym.gan.config import TRANSLATION_BATCH
 
-OVERLAP = 0.125
+OVERLAP = 0.25
 """Least share of a tile that its neighbour sees too."""
 
 

@@ -18,7 +18,7 @@ from slamgym.drawing.formats.look import (
     drawn_scene,
     format_part,
 )
-from slamgym.drawing.formats.upright import said_turn, turn_deg, turned_shapes, upright
+from slamgym.drawing.formats.upright import said_turn, turn_deg, turned_shape, upright
 
 PRINTED = 100
 """Drawn 1 to this on paper."""
@@ -32,8 +32,8 @@ def format_svg(drawing: Drawing) -> str:
     sheet = Sheet.of(shown.bounds, 1e-3 * LETTERS * PRINTED)
     words = f" · 1:{PRINTED} · {drawing.name} · {drawing.area:.1f} m²"
     shapes, labels = drawn_scene(shown, sheet, words, drawing.doubts)
-    echoes = turned_shapes(drawing.echoes, turn_deg(drawing))
-    shapes += [DrawnShape("RAW", "echo", part) for part in echoes]
+    angle = turn_deg(drawing)
+    shapes += [DrawnShape("RAW", "echo", turned_shape(part, angle)) for part in drawing.echoes]
     layers = drawn_layers(shapes, labels, sheet)
     groups = [f'<g id="{name}">{"".join(parts)}</g>' for name, parts in layers.items()]
     width = 1000 * sheet.width

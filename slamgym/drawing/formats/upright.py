@@ -1,12 +1,10 @@
 """A drawing turned so that its main walls lie along the sheet: a robot's map often lies askew in its frame."""
 
 import dataclasses
-import math
-from collections.abc import Sequence
 from typing import Any, TypeVar
 
-import numpy as np
 import shapely
+from shapely import affinity
 
 from slamgym.drawing.drawing import Drawing, Segment
 
@@ -27,16 +25,7 @@ def turn_facts(drawing: Drawing) -> dict[str, Any]:
 
 def turned_shape(shape: _Shape, angle_deg: float) -> _Shape:
     """A shape turned counter-clockwise about the origin of the map."""
-    (turned,) = turned_shapes([shape], angle_deg)
-    return turned
-
-
-def turned_shapes(shapes: Sequence[_Shape], angle_deg: float) -> list[_Shape]:
-    """Many of them at once."""
-    angle = math.radians(angle_deg)
-    cos, sin = math.cos(angle), math.sin(angle)
-    turn = np.array([[cos, sin], [-sin, cos]])
-    return list(shapely.transform(np.array(shapes, object), lambda places: places @ turn))
+    return affinity.rotate(shape, angle_deg, origin=(0.0, 0.0))
 
 
 def upright(drawing: Drawing) -> Drawing:
