@@ -47,8 +47,14 @@ def format_ifc(drawing: Drawing) -> str:
     for room in drawing.rooms:
         builder.add_space(room)
     # All at once, as each call copies the list of what is in the storey.
-    parts = [*bodies, *doors, *slabs]
-    builder.run("spatial.assign_container", products=parts, relating_structure=builder.storey)
+    builder.run(
+        "spatial.assign_container",
+        products=[*bodies, *doors, *slabs],
+        relating_structure=builder.storey,
+    )
+    # Placed once all know what they are part of, doors last, as their places are relative to those of openings.
+    for entity, matrix in sorted(builder.placed, key=lambda one: one[0].is_a("IfcDoor")):
+        builder.run("geometry.edit_object_placement", product=entity, matrix=matrix)
     for number, root in enumerate(builder.file.by_type("IfcRoot")):
         # Names that don't change from run to run.
         name = uuid.uuid5(uuid.NAMESPACE_URL, f"{drawing.name}/{number}")
@@ -66,22 +72,21 @@ class _Builder:
         self.file = ifcopenshell.api.run("project.create_file", version="IFC4")
         self.shapes = ShapeBuilder(self.file)
         whole = self._create("IfcProject", name)
-        kinds = ("LENGTHUNIT", "AREAUNIT", "VOLUMEUNIT")
-        units = [self.run("unit.add_si_unit", unit_type=kind) for kind in kinds]
+        units = [
+            self.run("unit.add_si_unit", unit_type=kind)
+            for kind in ("LENGTHUNIT", "AREAUNIT", "VOLUMEUNIT")
+        ]
         self.run("unit.assign_unit", units=units)
-        self.body = self.run(
-            "context.add_context",
-            context_type="Model",
-            parent=self.run("context.add_context", context_type="Model"),
-            context_identifier="Body",
-            target_view="MODEL_VIEW",
-        )
-        self.axis = self.run(
-            "context.add_context",
-            context_type="Model",
-            parent=self.body.ParentContext,
-            context_identifier="Axis",
-            target_view="GRAPH_VIEW",
+        model = self.run("context.add_context", context_type="Model")
+        self.body, self.axis = (
+            self.run(
+                "context.add_context",
+                context_type="Model",
+                parent=model,
+                context_identifier=name,
+                target_view=view,
+            )
+            for name, view in (("Body", "MODEL_VIEW"), ("Axis", "GRAPH_VIEW"))
         )
         site = self._add_part("IfcSite", "Site", whole)
         building = self._add_part("IfcBuilding", name, site)
@@ -92,6 +97,7 @@ class _Builder:
             "IfcSlab": self._style("slab", (0.7, 0.7, 0.7), 0.0),
             "IfcSpace": self._style("space", (0.6, 0.8, 1.0), 0.7),
         }
+        self.placed: list[tuple[Any, FloatArray]] = []
         self.storey.Elevation = 0.0
         heights = f"heights ({WALL_HEIGHT} m, doors {DOOR_HEIGHT} m)"
         self.storey.Description = f"drawn from a two-dimensional map: {heights} are assumed"
@@ -130,11 +136,14 @@ class _Builder:
             made_of = GLASS_MATERIAL if wall.is_glass else "unknown"
             types.setdefault((made_of, centimetres), []).append(body)
             common = self.run("pset.add_pset", product=body, name="Pset_WallCommon")
-            facts = {
-                "Reference": _type_name(made_of, centimetres),
-                "IsExternal": not wall.thickness_known,
-            }
-            self.run("pset.edit_pset", pset=common, properties=facts)
+            self.run(
+                "pset.edit_pset",
+                pset=common,
+                properties={
+                    "Reference": _type_name(made_of, centimetres),
+                    "IsExternal": not wall.thickness_known,
+                },
+            )
         names = sorted({made_of for made_of, _ in types})
         materials = {name: self.run("material.add_material", name=name) for name in names}
         for (made_of, centimetres), alike in sorted(types.items(), reverse=True):
@@ -157,16 +166,13 @@ class _Builder:
         for one, other in near.T.tolist():
             if one < other:
                 meeting = shapely.shortest_line(walls[one].line, walls[other].line)
-                first, second = (
-                    _end_at(walls[wall], point)
-                    for wall, point in zip((one, other), meeting.coords, strict=True)
-                )
+                here, there = meeting.coords
                 self.run(
                     "geometry.connect_path",
                     relating_element=bodies[one],
                     related_element=bodies[other],
-                    relating_connection=first,
-                    related_connection=second,
+                    relating_connection=_end_at(walls[one], here),
+                    related_connection=_end_at(walls[other], there),
                 )
 
     def _add_wall_type(self, name: str, centimetres: int, material: Any) -> Any:
@@ -211,14 +217,12 @@ class _Builder:
 
     def add_space(self, room: DrawnRoom) -> None:
         """An IfcSpace with its area."""
-        at_origin = np.eye(4)
         evidence = {"ShareSeen": room.share_seen, "Layer": room.layer}
-        entity = self._solid("IfcSpace", room.name, at_origin, room.polygon, WALL_HEIGHT, evidence)
+        entity = self._solid("IfcSpace", room.name, np.eye(4), room.polygon, WALL_HEIGHT, evidence)
         self.run("aggregate.assign_object", products=[entity], relating_object=self.storey)
-        self.run("geometry.edit_object_placement", product=entity, matrix=at_origin)
         quantities = self.run("pset.add_qto", product=entity, name="Qto_SpaceBaseQuantities")
-        area = {"NetFloorArea": float(room.area)}
-        self.run("pset.edit_qto", qto=quantities, properties=area)
+        area = float(room.area)
+        self.run("pset.edit_qto", qto=quantities, properties={"NetFloorArea": area})
 
     def _create(self, kind: str, name: str, predefined_type: str | None = None) -> Any:
         return self.run(
@@ -267,12 +271,11 @@ class _Builder:
     ) -> Any:
         """A named thing with a body, its style, that of its kind by default, and its evidence."""
         entity = self._create(kind, name)
-        self.run("geometry.edit_object_placement", product=entity, matrix=matrix)
-        lines = []
-        for ring in shapely.get_rings(base):
-            corners = shapely.get_coordinates(ring)[:-1]
-            lines.append(self.shapes.polyline(corners.tolist(), closed=True))
-        outline, *voids = lines
+        self.placed.append((entity, matrix))
+        outline, *voids = [
+            self.shapes.polyline(shapely.get_coordinates(ring)[:-1].tolist(), closed=True)
+            for ring in shapely.get_rings(base)
+        ]
         profile = self.shapes.profile(outline, inner_curves=voids)
         solid = self.shapes.extrude(profile, height)
         shape = self.shapes.get_representation(self.body, [solid])
