@@ -47,13 +47,10 @@ def format_ifc(drawing: Drawing) -> str:
     for room in drawing.rooms:
         builder.add_space(room)
     # All at once, as each call copies the list of what is in the storey.
-    builder.run(
-        "spatial.assign_container",
-        products=[*bodies, *doors, *slabs],
-        relating_structure=builder.storey,
-    )
+    parts = [*bodies, *doors, *slabs]
+    builder.run("spatial.assign_container", products=parts, relating_structure=builder.storey)
     # Placed once all know what they are part of, doors last, as their places are relative to those of openings.
-    for entity, matrix in sorted(builder.placed, key=lambda one: one[0].is_a("IfcDoor")):
+    for entity, matrix in sorted(builder.placements, key=lambda one: one[0].is_a("IfcDoor")):
         builder.run("geometry.edit_object_placement", product=entity, matrix=matrix)
     for number, root in enumerate(builder.file.by_type("IfcRoot")):
         # Names that don't change from run to run.
@@ -71,11 +68,10 @@ class _Builder:
 
         self.file = ifcopenshell.api.run("project.create_file", version="IFC4")
         self.shapes = ShapeBuilder(self.file)
+        self.placements: list[tuple[Any, FloatArray]] = []
         whole = self._create("IfcProject", name)
-        units = [
-            self.run("unit.add_si_unit", unit_type=kind)
-            for kind in ("LENGTHUNIT", "AREAUNIT", "VOLUMEUNIT")
-        ]
+        kinds = ("LENGTHUNIT", "AREAUNIT", "VOLUMEUNIT")
+        units = [self.run("unit.add_si_unit", unit_type=kind) for kind in kinds]
         self.run("unit.assign_unit", units=units)
         model = self.run("context.add_context", context_type="Model")
         self.body, self.axis = (
@@ -97,7 +93,6 @@ class _Builder:
             "IfcSlab": self._style("slab", (0.7, 0.7, 0.7), 0.0),
             "IfcSpace": self._style("space", (0.6, 0.8, 1.0), 0.7),
         }
-        self.placed: list[tuple[Any, FloatArray]] = []
         self.storey.Elevation = 0.0
         heights = f"heights ({WALL_HEIGHT} m, doors {DOOR_HEIGHT} m)"
         self.storey.Description = f"drawn from a two-dimensional map: {heights} are assumed"
@@ -136,14 +131,11 @@ class _Builder:
             made_of = GLASS_MATERIAL if wall.is_glass else "unknown"
             types.setdefault((made_of, centimetres), []).append(body)
             common = self.run("pset.add_pset", product=body, name="Pset_WallCommon")
-            self.run(
-                "pset.edit_pset",
-                pset=common,
-                properties={
-                    "Reference": _type_name(made_of, centimetres),
-                    "IsExternal": not wall.thickness_known,
-                },
-            )
+            facts = {
+                "Reference": _type_name(made_of, centimetres),
+                "IsExternal": not wall.thickness_known,
+            }
+            self.run("pset.edit_pset", pset=common, properties=facts)
         names = sorted({made_of for made_of, _ in types})
         materials = {name: self.run("material.add_material", name=name) for name in names}
         for (made_of, centimetres), alike in sorted(types.items(), reverse=True):
@@ -221,8 +213,8 @@ class _Builder:
         entity = self._solid("IfcSpace", room.name, np.eye(4), room.polygon, WALL_HEIGHT, evidence)
         self.run("aggregate.assign_object", products=[entity], relating_object=self.storey)
         quantities = self.run("pset.add_qto", product=entity, name="Qto_SpaceBaseQuantities")
-        area = float(room.area)
-        self.run("pset.edit_qto", qto=quantities, properties={"NetFloorArea": area})
+        area = {"NetFloorArea": float(room.area)}
+        self.run("pset.edit_qto", qto=quantities, properties=area)
 
     def _create(self, kind: str, name: str, predefined_type: str | None = None) -> Any:
         return self.run(
@@ -233,7 +225,7 @@ class _Builder:
         """A part of the site or the building, where its whole is."""
         part = self._create(kind, name)
         self.run("aggregate.assign_object", products=[part], relating_object=whole)
-        self.run("geometry.edit_object_placement", product=part, matrix=np.eye(4))
+        self.placements.append((part, np.eye(4)))
         return part
 
     def _style(self, name: str, colour: tuple[float, float, float], transparency: float) -> Any:
@@ -271,10 +263,9 @@ class _Builder:
     ) -> Any:
         """A named thing with a body, its style, that of its kind by default, and its evidence."""
         entity = self._create(kind, name)
-        self.placed.append((entity, matrix))
+        self.placements.append((entity, matrix))
         outline, *voids = [
-            self.shapes.polyline(shapely.get_coordinates(ring)[:-1].tolist(), closed=True)
-            for ring in shapely.get_rings(base)
+            self.shapes.polyline(ring.coords[:-1], closed=True) for ring in shapely.get_rings(base)
         ]
         profile = self.shapes.profile(outline, inner_curves=voids)
         solid = self.shapes.extrude(profile, height)
