@@ -35,32 +35,54 @@ class SimClock:
         self._node = node
         self._heard = -math.inf  # [s]
         self._ticked = threading.Event()
-        self._publisher = node.create_publisher(Clock, TOPIC, 10)
-        node.single.append(TOPIC)
+        self._offer()
+
+    def _offer(self) -> None:
+        self._publisher = self._node.create_publisher(Clock, TOPIC, 10)
+        self.is_led = False
+
+    def _follow(self) -> None:
+        self.is_led = True
+        self._node.destroy_publisher(self._publisher)
+        self._node.need(TOPIC)
+        self._node.get_logger().info(
+            f"another simulator publishes {TOPIC}: this one goes by it, whatever its speed is"
+        )
 
     def find_leader(self) -> None:
         """Listen for another simulator; of those that begin at the same time the first by name leads.
 
         Two clocks on one topic would go back and forth.
         """
-        node = self._node
-        listening = node.create_subscription(Clock, TOPIC, self._take, 10)
-        is_heard = self._ticked.wait(LISTENING_TIME)
-        ends = node.get_publishers_info_by_topic(TOPIC)
-        names = [f"{end.node_namespace}/{end.node_name}" for end in ends]
-        own = f"{node.get_namespace()}/{node.get_name()}"
-        if not is_heard and min(names, default=own) >= own:
-            node.destroy_subscription(listening)
+        self._listening = self._node.create_subscription(Clock, TOPIC, self._take, 10)
+        if self._is_first():
             return
-        node.destroy_publisher(self._publisher)
-        node.single.remove(TOPIC)
-        node.need(TOPIC)
-        node.get_logger().info(
-            f"another simulator publishes {TOPIC}: this one goes by it, whatever its speed is"
-        )
-        self.is_led = True
+        self._follow()
         self._ticked.wait(LISTENING_TIME)
         self.begin()
+
+    def _is_first(self) -> bool:
+        """Listen for a while; true, and the end of listening, if nothing is heard and no other comes first by name."""
+        is_heard = self._ticked.wait(LISTENING_TIME)
+        own = f"{self._node.get_namespace()}/{self._node.get_name()}"
+        is_first = not is_heard and min(self._publishers(), default=own) >= own
+        if is_first:
+            self._node.single.append(TOPIC)
+            self._node.destroy_subscription(self._listening)
+        return is_first
+
+    def _publishers(self) -> list[str]:
+        """The names of the nodes that publish the clock."""
+        ends = self._node.get_publishers_info_by_topic(TOPIC)
+        return [f"{end.node_namespace}/{end.node_name}" for end in ends]
+
+    def _take_over(self) -> None:
+        """Publish the clock in place of a leader that has ended, unless another does; stamps go on as they were."""
+        self._node.get_logger().info(f"nobody publishes {TOPIC} any more: it goes on from here")
+        self._node.heard(TOPIC, for_good=True)
+        self._offer()
+        if not self._is_first():
+            self._follow()
 
     def begin(self) -> None:
         """Begin the robot's time anew, now."""
@@ -76,10 +98,15 @@ class SimClock:
             self._publisher.publish(message)
 
     def wait_for(self, time: float) -> bool:
-        """Wait until the leader's clock shows the robot's time [s], for a while; true if it does."""
+        """Wait until the leader's clock shows the robot's time [s], for a while; true if it does.
+
+        Where there is no leader any more, this one leads or goes by a new one from now on.
+        """
         while self._heard < self.began + time - 1e-6:
             self._ticked.clear()
             if self._heard < self.began + time - 1e-6 and not self._ticked.wait(STILL_TIME):
+                if not self._publishers():
+                    self._take_over()
                 return False
         return True
 

@@ -1,5 +1,6 @@
 """Simulators in namespaces share one clock: the first has it, the others go by it."""
 
+import itertools
 from types import SimpleNamespace
 
 import pytest
@@ -33,9 +34,18 @@ def make(desk, monkeypatch, *others):
     monkeypatch.setattr("slamgym.ros2.sim_clock.LISTENING_TIME", 0.01)
     monkeypatch.setattr("slamgym.ros2.sim_clock.STILL_TIME", 0.01)
     node = desk.make(Still, SimParameters(seed=2, speed=0.0), CONFIG)
-    ends = [SimpleNamespace(node_namespace="/", node_name=name) for name in others]
-    node.get_publishers_info_by_topic = lambda topic: ends if topic == "/clock" else []
+    have_clocks(node, itertools.repeat(others))
     return node
+
+
+def have_clocks(node, names):
+    """Let nodes of such names publish the clock whenever one asks, each time the next ones."""
+
+    def ends(topic):
+        shown = next(names) if topic == "/clock" else ()
+        return [SimpleNamespace(node_namespace="/", node_name=name) for name in shown]
+
+    node.get_publishers_info_by_topic = ends
 
 
 def stamps(desk, topic="/scan"):
@@ -62,7 +72,7 @@ def test_where_another_is_first_by_name_it_publishes_none(desk, monkeypatch, cap
 
 
 def test_it_steps_when_the_other_s_clock_says_so(desk, monkeypatch, capfd):
-    node = make(desk, monkeypatch)
+    node = make(desk, monkeypatch, "a_sim")
     node._time._ticked.set()  # the other's clock is heard while it is listened for
     node._time._heard = 77.0
     node._time.find_leader()
@@ -82,7 +92,7 @@ def test_it_steps_when_the_other_s_clock_says_so(desk, monkeypatch, capfd):
 
 
 def test_after_resets_of_either_no_stamp_is_ahead_of_the_clock(desk, monkeypatch):
-    node = make(desk, monkeypatch)
+    node = make(desk, monkeypatch, "a_sim")
     node._time._ticked.set()
     node._time._heard = 77.0
     node._time.find_leader()
@@ -151,3 +161,28 @@ def test_a_clock_that_stands_is_waited_for_and_said(desk, monkeypatch, capfd):
     desk.later += 5.0
     desk.tick(node)
     assert "waiting for /clock" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(("heirs", "leads"), [((), True), (("z_sim",), True), (("a_sim",), False)])
+def test_where_the_leader_has_ended_the_first_by_name_of_the_others_leads_on(
+    desk, monkeypatch, capfd, heirs, leads
+):
+    node = make(desk, monkeypatch, "a_sim")
+    node._time.find_leader()
+    node.publish()
+    node._time._take(Message(clock=time_fields(round((BEGIN + 1.5 * STEP) * 1e9))))
+    assert node._wait_for_leader()
+    node.step()
+    # It asks whether there is a leader, and again once the heirs have come forward.
+    have_clocks(node, iter([(), heirs]))
+    assert not node._wait_for_leader()
+    assert node._time.is_led is not leads
+    assert "it goes on from here" in capfd.readouterr().err
+    if leads:
+        node.step()
+        shown = [one.clock.sec + 1e-9 * one.clock.nanosec for one in desk.sent["/clock"]]
+        assert shown == pytest.approx([BEGIN + 2.0 * STEP])
+        assert stamps(desk) == pytest.approx([BEGIN, BEGIN + STEP, BEGIN + 2.0 * STEP])
+        desk.later += 5.0
+        desk.tick(node)
+        assert "waiting for /clock" not in capfd.readouterr().err
