@@ -47,7 +47,7 @@ demo: $(VENV)/.base
 
 test: $(VENV)/.dev
 	$(BIN)/slamgym warmup --batched
-	$(BIN)/python -m pytest -n 2 --dist loadfile --import-mode=importlib
+	$(BIN)/python -m pytest -n 2 --dist loadfile --max-worker-restart 0 --import-mode=importlib
 
 messages: $(VENV)/.dev
 	$(BIN)/python tests/ros2/message_packages.py build/ros_messages

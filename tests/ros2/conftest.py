@@ -1,15 +1,20 @@
 """Nodes in this process without middleware, and ROS for those in others."""
 
+import contextlib
 import importlib
 import inspect
 import os
+import tempfile
 import time
 import warnings
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 from ros_stand_ins import Transforms
 from stub_robot import StubRobot
+
+from slamgym.core.files import StorageError, exclusive_lock
 
 
 @pytest.fixture(scope="session")
@@ -21,10 +26,22 @@ def ros_domain():
             "ignore"
         )  # a parser that its messages import is older than its Python
         importlib.import_module("rosidl_generator_py")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
+    with free_domain() as domain, pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_DOMAIN_ID", str(domain))
         patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         yield
+
+
+@contextlib.contextmanager
+def free_domain():
+    """A domain that no other process of these tests has, as long as the block lasts."""
+    for number in range(100):
+        domain = 1 + (os.getpid() + number) % 100
+        lock = Path(tempfile.gettempdir()) / f"slamgym_ros_domain_{domain}"
+        with contextlib.suppress(StorageError), exclusive_lock(lock):
+            yield domain
+            return
+    raise AssertionError("a hundred test runs at once leave no ROS domain free")
 
 
 class Desk:
