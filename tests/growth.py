@@ -11,15 +11,16 @@ MOST = 6.25
 def growth(run: Callable[[int], object], size: int) -> float:
     """CPU time of ``run(4 * size)`` over that of ``run(size)``; what is compiled or read once is done before.
 
-    The shortest of several runs of each, begun again where it is too much: what else the machine does only adds.
+    Both are measured in the same moment, as a machine's speed changes, and again where it is too much: what else the
+    machine does only adds, and it adds most to the long one.
     """
-    small = large = math.inf
+    least = math.inf
     for _ in range(10):
-        small = min(small, *(_seconds(run, size) for _ in range(3)))
-        large = min(large, _seconds(run, 4 * size))
-        if large / small < MOST:
+        small = min(_seconds(run, size) for _ in range(3))
+        least = min(least, _seconds(run, 4 * size) / small)
+        if least < MOST:
             break
-    return large / small
+    return least
 
 
 def _seconds(run, size):
