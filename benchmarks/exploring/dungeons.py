@@ -49,7 +49,7 @@ WALL, START = 127, 208
 """Values of pixels; others are free."""
 LEVELS = (0.9, 0.99)
 REFERENCE = "nearest"
-EXPLORERS = (REFERENCE, "tour", "tour_wide", "rl")
+EXPLORERS = (REFERENCE, "tour", "tour_wide", "rl", "frontier_policy")
 
 
 def read_dungeon(name: str) -> tuple[FloorPlan, Pose2D]:
