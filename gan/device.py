@@ -1,7 +1,5 @@
 """Where to compute, and in which precision."""
 
-import ctypes
-import sys
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Literal, TypeVar
@@ -10,15 +8,6 @@ import torch
 
 from slamgym.core.errors import ConfigError
 from slamgym.gan.config import DeviceName, Precision
-
-_M_TRIM_THRESHOLD = -1
-"""Number of mallopt's parameter for the free memory at the heap's end that isn't given back (malloc.h)."""
-_LARGEST_TRIM = 2**31 - 1
-"""Largest value that it takes (mallopt(3)) [bytes]."""
-_M_MMAP_THRESHOLD = -3
-"""Number of mallopt's parameter for the size from which memory is mapped, and unmapped when freed (malloc.h)."""
-_LARGEST_MMAP = 2**25
-"""Largest value that it takes (mallopt(3)) [bytes]."""
 
 NetworkT = TypeVar("NetworkT", bound=torch.nn.Module)
 
@@ -92,16 +81,3 @@ def make_deterministic() -> None:
     """Ask for the same sums in the same order on every run, which resuming exactly needs on CUDA."""
     torch.backends.cudnn.benchmark = False
     torch.backends.cudnn.deterministic = True
-
-
-def keep_freed_memory() -> None:
-    """Let the process keep what tensors on the CPU have freed for the next ones; without effect but with glibc.
-
-    Else every step of a training gives its memory back and gets it again page by page, up to half of the time.
-    """
-    if sys.platform != "linux":
-        return
-    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
-    if mallopt is not None:
-        mallopt(_M_TRIM_THRESHOLD, _LARGEST_TRIM)
-        mallopt(_M_MMAP_THRESHOLD, _LARGEST_MMAP)

@@ -89,10 +89,12 @@ _FRAMES_PER_SECOND = 20.0
 
 def main(arguments: SlamArguments) -> None:
     """Run the command."""
+    from slamgym.core.freed_memory import keep_freed_memory
     from slamgym.interop.logs import read_relations, read_truth
     from slamgym.slam.merge.continuing import continue_map
     from slamgym.slam.merge.stored import stored_part
 
+    keep_freed_memory()
     require_folder(arguments.out)
     _check_settings(arguments)
     older = None

@@ -89,8 +89,10 @@ def main(arguments: CadArguments, typed: str) -> int:
     if arguments.corrections and (len(maps) > 1 or arguments.maps[0].is_dir()):
         raise ConfigError("--corrections are of one map; name the file of that map alone")
     named = dict(zip(distinct_names(maps), maps, strict=True))
+    from slamgym.core.freed_memory import keep_freed_memory
     from slamgym.drawing import load_floor_model
 
+    keep_freed_memory()
     job = _Job(arguments, formats, load_floor_model(arguments.model), typed)
     if len(arguments.maps) > 1 or arguments.maps[0].is_dir():
         return _draw_all(named, job)

@@ -29,7 +29,8 @@ def train_command(arguments: TrainTranslatorArguments, typed: str) -> None:
     Raises:
         SlamgymError: If an argument, the images or the folder of the run can't be used.
     """
-    from slamgym.gan.device import choose_compute, keep_freed_memory
+    from slamgym.core.freed_memory import keep_freed_memory
+    from slamgym.gan.device import choose_compute
     from slamgym.gan.training.train import RunOptions, train_translator
 
     keep_freed_memory()
