@@ -31,23 +31,15 @@ class SimClock:
 
     def __init__(self, node: RosNode) -> None:
         self.began = BEGIN
-        self.is_led = False
         self._node = node
         self._heard = -math.inf  # [s]
         self._ticked = threading.Event()
         self._offer()
 
     def _offer(self) -> None:
+        """Publish the clock, as long as no leader is found."""
         self._publisher = self._node.create_publisher(Clock, TOPIC, 10)
         self.is_led = False
-
-    def _follow(self) -> None:
-        self.is_led = True
-        self._node.destroy_publisher(self._publisher)
-        self._node.need(TOPIC)
-        self._node.get_logger().info(
-            f"another simulator publishes {TOPIC}: this one goes by it, whatever its speed is"
-        )
 
     def find_leader(self) -> None:
         """Listen for another simulator; of those that begin at the same time the first by name leads.
@@ -55,21 +47,27 @@ class SimClock:
         Two clocks on one topic would go back and forth.
         """
         self._listening = self._node.create_subscription(Clock, TOPIC, self._take, 10)
-        if self._is_first():
-            return
-        self._follow()
-        self._ticked.wait(LISTENING_TIME)
-        self.begin()
+        self._lead_or_follow()
+        if self.is_led:
+            self._ticked.wait(LISTENING_TIME)
+            self.begin()
 
-    def _is_first(self) -> bool:
-        """Listen for a while; true, and the end of listening, if nothing is heard and no other comes first by name."""
+    def _lead_or_follow(self) -> None:
+        """Listen for a while; then go by what is heard, or by who comes first by name, or else lead."""
+        node = self._node
         is_heard = self._ticked.wait(LISTENING_TIME)
-        own = f"{self._node.get_namespace()}/{self._node.get_name()}"
-        is_first = not is_heard and min(self._publishers(), default=own) >= own
-        if is_first:
-            self._node.single.append(TOPIC)
-            self._node.destroy_subscription(self._listening)
-        return is_first
+        own_name = f"{node.get_namespace()}/{node.get_name()}"
+        first_name = min(self._publishers(), default=own_name)
+        if not is_heard and first_name >= own_name:
+            node.destroy_subscription(self._listening)
+            node.single.append(TOPIC)
+            return
+        self.is_led = True
+        node.destroy_publisher(self._publisher)
+        node.need(TOPIC)
+        node.get_logger().info(
+            f"another simulator publishes {TOPIC}: this one goes by it, whatever its speed is"
+        )
 
     def _publishers(self) -> list[str]:
         """The names of the nodes that publish the clock."""
@@ -81,8 +79,7 @@ class SimClock:
         self._node.get_logger().info(f"nobody publishes {TOPIC} any more: it goes on from here")
         self._node.heard(TOPIC, for_good=True)
         self._offer()
-        if not self._is_first():
-            self._follow()
+        self._lead_or_follow()
 
     def begin(self) -> None:
         """Begin the robot's time anew, now."""
