@@ -21,23 +21,17 @@ PLAN, EXPLORER, SEED = "home_000009", "tour", 0
 SPREAD = 0.06
 """Runs over topics differ each time, as their maps come a step earlier or later [m]: three standard deviations of the
 mean errors of eight of the environment's own runs. Ten over topics had 0.02 to 0.04 m."""
-
-
 PATIENT = 600.0
 """A busy machine is waited for so long [s]; an idle one needs 20 to 40 s."""
 
 
 def run_demo(out):
     """The exit code of the command, and what it says; interrupted after too long, as it ends its nodes then."""
-    command = [sys.executable, "-m", "slamgym", "ros2", "demo", "--plan", PLAN, "--seed", str(SEED)]
+    command = [sys.executable, "-m", "slamgym", "ros2", "demo", "--out", str(out)]
+    choices = ["--plan", PLAN, "--seed", str(SEED), "--explorer", EXPLORER]
     text = out.with_suffix(".txt")
     with text.open("wb") as file:
-        demo = subprocess.Popen(
-            [*command, "--explorer", EXPLORER, "--out", str(out)],
-            cwd=out.parent,
-            stdout=file,
-            stderr=file,
-        )
+        demo = subprocess.Popen([*command, *choices], cwd=out.parent, stdout=file, stderr=file)
         try:
             code = demo.wait(PATIENT)
         except subprocess.TimeoutExpired:
